@@ -1,0 +1,1 @@
+"""Environment perception: measurements in, perceptions of trees, rocks and markers out."""

@@ -1,0 +1,1 @@
+"""Judges what came out. The only place where truth is looked at."""

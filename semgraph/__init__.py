@@ -1,0 +1,1 @@
+"""Landmark SLAM: world model, localization and graph."""

@@ -1,0 +1,1 @@
+"""Seeded courses that produce the measurements a real robot would have had."""
