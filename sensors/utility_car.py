@@ -24,10 +24,10 @@ ODOMETRY_NOISE = OdometryNoise(
 """From the turn between neighbouring chords of 10 to 40 m, driven against GPS.
 
 A least-squares fit of the squared differences gives 0.011 rad per sqrt(m) and 0.049 per sqrt(rad)
-in the car park (647 pairs), and 0.03 m per sqrt(m) for the chords' lengths. Victoria Park's GPS, which
-itself jumps, gives 0.02, 0.11 and 0.16 as upper bounds. Most of it is no noise: at full lock to the
-left the formula below loses 4 to 5 % of speed and turn, which a random walk can only cover. Across:
-stated, chords do not tell it from heading.
+in the car park (647 pairs), and 0.03 m per sqrt(m) for the lengths of the chords. The GPS of
+Victoria Park, which itself jumps, gives 0.02, 0.11 and 0.16: upper bounds. Most of it is no noise:
+at full lock to the left the formula below loses 4 to 5 % of speed and turn, which a random walk can
+only cover. Across is stated: chords cannot tell it from heading.
 """
 
 
