@@ -1,0 +1,56 @@
+"""Integrates speed and yaw rate to wheel odometry, and puts measurements in the order of time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.geometry import Pose2
+from sensors.measurements import Measurement, WheelOdometry
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Twists:
+    """Speeds (n,) m/s ahead and yaw rates (n,) rad/s at stamps (n,), increasing."""
+
+    stamps_ns: IntArray
+    speeds: FloatArray
+    yaw_rates: FloatArray
+
+
+def integrate(twists: Twists, scan_stamps_ns: IntArray) -> list[WheelOdometry]:
+    """The odometry at every twist and at every scan, starting at the identity.
+
+    Twists between records are interpolated; before the first and after the last they are held.
+    Each step is an arc of constant curvature.
+    """
+    stamps_ns = np.union1d(twists.stamps_ns, scan_stamps_ns)
+    since_start = (stamps_ns - stamps_ns[0]) * 1e-9
+    record = (twists.stamps_ns - stamps_ns[0]) * 1e-9
+    distances = _steps(since_start, np.interp(since_start, record, twists.speeds))
+    turns = _steps(since_start, np.interp(since_start, record, twists.yaw_rates))
+    thetas = np.concatenate([[0.0], np.cumsum(turns)])
+    chords = distances * np.sinc(turns / (2.0 * np.pi))
+    directions = thetas[:-1] + 0.5 * turns
+    x = np.concatenate([[0.0], np.cumsum(chords * np.cos(directions))])
+    y = np.concatenate([[0.0], np.cumsum(chords * np.sin(directions))])
+    return odometry(stamps_ns, np.column_stack([x, y, thetas]))
+
+
+def odometry(stamps_ns: IntArray, odom_T_bases: FloatArray) -> list[WheelOdometry]:
+    """Wheel odometry of stamps (n,) and poses (n, 3)."""
+    return [
+        WheelOdometry(int(stamp_ns), Pose2.from_array(pose))
+        for stamp_ns, pose in zip(stamps_ns, odom_T_bases, strict=True)
+    ]
+
+
+def in_order_of_time(*streams: Sequence[Measurement]) -> tuple[Measurement, ...]:
+    """All measurements by stamp; at the same stamp the earlier stream comes first."""
+    return tuple(sorted((m for stream in streams for m in stream), key=lambda m: m.stamp_ns))
+
+
+def _steps(at: FloatArray, rates: FloatArray) -> FloatArray:
+    """What a rate, linear in between, adds up to from each time to the next."""
+    return 0.5 * (rates[1:] + rates[:-1]) * np.diff(at)
