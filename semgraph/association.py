@@ -155,4 +155,3 @@ def _gains(space: _Differences, density: float) -> FloatArray:
         (2.0 * np.pi) ** 2 * np.linalg.det(covariances)
     )
     return np.where(distances2 <= CHI2_2DOF_999, log_likelihoods - np.log(density), -np.inf)
-

@@ -256,9 +256,7 @@ class FactorGraph:
         values = gtsam.Values()
         for index, guess in enumerate(self._pose_guesses):
             known = self._estimate.exists(X(index))
-            values.insert(
-                X(index), self._estimate.atPose2(X(index)) if known else _to_gtsam(guess)
-            )
+            values.insert(X(index), self._estimate.atPose2(X(index)) if known else _to_gtsam(guess))
         for landmark, position in self._landmark_guesses.items():
             known = self._estimate.exists(L(landmark))
             values.insert(j=L(landmark), point2=self.landmark(landmark) if known else position)
