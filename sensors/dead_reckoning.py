@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray
+from semgraph.estimates import Trajectory
 from semgraph.geometry import Pose2
 from sensors.measurements import Measurement, WheelOdometry
 
@@ -44,6 +45,23 @@ def odometry(stamps_ns: IntArray, odom_T_bases: FloatArray) -> list[WheelOdometr
         WheelOdometry(int(stamp_ns), Pose2.from_array(pose))
         for stamp_ns, pose in zip(stamps_ns, odom_T_bases, strict=True)
     ]
+
+
+def with_odometry_at(stamps_ns: IntArray, samples: Sequence[WheelOdometry]) -> list[WheelOdometry]:
+    """The samples, and interpolated ones at the times between them that have none.
+
+    Times before the first sample and after the last get none: that would be a guess.
+    """
+    if not samples:
+        return []
+    known = Trajectory(
+        np.array([sample.stamp_ns for sample in samples]),
+        np.array([sample.odom_T_base.as_array() for sample in samples]),
+    )
+    inside = (stamps_ns > known.stamps_ns[0]) & (stamps_ns < known.stamps_ns[-1])
+    missing = np.setdiff1d(stamps_ns[inside], known.stamps_ns)
+    between = odometry(missing, known.interpolate(missing))
+    return sorted([*samples, *between], key=lambda sample: sample.stamp_ns)
 
 
 def in_order_of_time(*streams: Sequence[Measurement]) -> tuple[Measurement, ...]:

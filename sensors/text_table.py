@@ -15,6 +15,8 @@ from semgraph.errors import InputError, known_names
 from sensors.files import read_text
 from sensors.stamps import MAX_SECONDS
 
+Row = tuple[str | float, ...]
+
 MAX_TABLE_BYTES = 256 * 2**20
 MAX_ROWS = 5_000_000
 
