@@ -39,6 +39,14 @@ def integrate(twists: Twists, scan_stamps_ns: IntArray) -> list[WheelOdometry]:
     return odometry(stamps_ns, np.column_stack([x, y, thetas]))
 
 
+def chain(a_T_b: FloatArray) -> FloatArray:
+    """(n + 1, 3) poses that start at the identity and move by each of the motions (n, 3)."""
+    poses = [Pose2()]
+    for motion in a_T_b:
+        poses.append(poses[-1] @ Pose2.from_array(motion))
+    return np.array([pose.as_array() for pose in poses])
+
+
 def odometry(stamps_ns: IntArray, odom_T_bases: FloatArray) -> list[WheelOdometry]:
     """Wheel odometry of stamps (n,) and poses (n, 3)."""
     return [
