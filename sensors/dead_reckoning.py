@@ -50,8 +50,8 @@ def chain(a_T_b: FloatArray) -> FloatArray:
 def odometry(stamps_ns: IntArray, odom_T_bases: FloatArray) -> list[WheelOdometry]:
     """Wheel odometry of stamps (n,) and poses (n, 3)."""
     return [
-        WheelOdometry(int(stamp_ns), Pose2.from_array(pose))
-        for stamp_ns, pose in zip(stamps_ns, odom_T_bases, strict=True)
+        WheelOdometry(stamp_ns, Pose2(x, y, theta))
+        for stamp_ns, (x, y, theta) in zip(stamps_ns.tolist(), odom_T_bases.tolist(), strict=True)
     ]
 
 

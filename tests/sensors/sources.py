@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import fields, is_dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,9 @@ import numpy as np
 from semgraph.arrays import FloatArray
 from semgraph.geometry import Pose2
 from semgraph.landmarks import Perceptions
+from sensors.catalog import open_source
 from sensors.measurements import LaserScan, Measurement, Recording, WheelOdometry
+from sensors.truth import Source
 
 
 def same(a: object, b: object) -> bool:
@@ -25,6 +28,16 @@ def same(a: object, b: object) -> bool:
     if isinstance(a, dict) and isinstance(b, dict):
         return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
     return a == b
+
+
+@cache
+def opened(place: str) -> Source:
+    """A source with its default options, read once for all tests."""
+    return open_source(place, {})
+
+
+def perceptions_of(recording: Recording) -> list[Perceptions]:
+    return [m for m in recording.measurements if isinstance(m, Perceptions)]
 
 
 def scans_of(recording: Recording) -> list[LaserScan | Perceptions]:
