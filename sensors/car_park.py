@@ -2,10 +2,8 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from semgraph.arrays import IntArray
@@ -13,7 +11,7 @@ from semgraph.errors import InputError
 from semgraph.landmarks import Kind
 from sensors import utility_car
 from sensors.dead_reckoning import in_order_of_time, integrate
-from sensors.mat_files import load_mat, numbers, vector
+from sensors.mat_files import MatArray, load_mat, numbers, vector
 from sensors.measurements import GnssFix, LaserScan, Recording, ScannerGeometry, WheelOdometry
 from sensors.stamps import stamps_ns
 from sensors.truth import Source, TrueLandmarks, TruePath, Truth
@@ -69,7 +67,7 @@ def read(path: Path, options: CarParkOptions) -> Source:
     return Source(recording, Truth(true_path, _beacons(path / BEACONS_FILE)))
 
 
-def _scans(file: Path, arrays: dict[str, NDArray[Any]]) -> list[LaserScan]:
+def _scans(file: Path, arrays: dict[str, MatArray]) -> list[LaserScan]:
     stamps = stamps_ns(file, "TimeLaser", vector(file, "TimeLaser", arrays["TimeLaser"]))
     n = len(stamps)
     if not n:
@@ -84,7 +82,7 @@ def _scans(file: Path, arrays: dict[str, NDArray[Any]]) -> list[LaserScan]:
 
 
 def _odometry(
-    file: Path, arrays: dict[str, NDArray[Any]], scan_stamps_ns: IntArray
+    file: Path, arrays: dict[str, MatArray], scan_stamps_ns: IntArray
 ) -> list[WheelOdometry]:
     seconds, speeds, steering = (
         vector(file, name, arrays[name]) for name in ("Time_VS", "Velocity", "Steering")
@@ -94,7 +92,7 @@ def _odometry(
     return integrate(twists, scan_stamps_ns)
 
 
-def _true_path(file: Path, arrays: dict[str, NDArray[Any]]) -> TruePath:
+def _true_path(file: Path, arrays: dict[str, MatArray]) -> TruePath:
     seconds, east, north = (
         vector(file, name, arrays[name]) for name in ("TimeGPS", "GPSLon", "GPSLat")
     )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray
+from semgraph.estimates import Trajectory
 from semgraph.geometry import Pose2
 from sensors.measurements import Measurement, WheelOdometry
 
@@ -38,12 +39,37 @@ def integrate(twists: Twists, scan_stamps_ns: IntArray) -> list[WheelOdometry]:
     return odometry(stamps_ns, np.column_stack([x, y, thetas]))
 
 
+def chain(a_T_b: FloatArray) -> FloatArray:
+    """(n + 1, 3) poses that start at the identity and move by each of the motions (n, 3)."""
+    poses = [Pose2()]
+    for motion in a_T_b:
+        poses.append(poses[-1] @ Pose2.from_array(motion))
+    return np.array([pose.as_array() for pose in poses])
+
+
 def odometry(stamps_ns: IntArray, odom_T_bases: FloatArray) -> list[WheelOdometry]:
     """Wheel odometry of stamps (n,) and poses (n, 3)."""
     return [
-        WheelOdometry(int(stamp_ns), Pose2.from_array(pose))
-        for stamp_ns, pose in zip(stamps_ns, odom_T_bases, strict=True)
+        WheelOdometry(stamp_ns, Pose2(x, y, theta))
+        for stamp_ns, (x, y, theta) in zip(stamps_ns.tolist(), odom_T_bases.tolist(), strict=True)
     ]
+
+
+def with_odometry_at(stamps_ns: IntArray, samples: Sequence[WheelOdometry]) -> list[WheelOdometry]:
+    """The samples, and interpolated ones at the times between them that have none.
+
+    Times before the first sample and after the last get none: that would be a guess.
+    """
+    if not samples:
+        return []
+    known = Trajectory(
+        np.array([sample.stamp_ns for sample in samples]),
+        np.array([sample.odom_T_base.as_array() for sample in samples]),
+    )
+    inside = (stamps_ns > known.stamps_ns[0]) & (stamps_ns < known.stamps_ns[-1])
+    missing = np.setdiff1d(stamps_ns[inside], known.stamps_ns)
+    between = odometry(missing, known.interpolate(missing))
+    return sorted([*samples, *between], key=lambda sample: sample.stamp_ns)
 
 
 def in_order_of_time(*streams: Sequence[Measurement]) -> tuple[Measurement, ...]:

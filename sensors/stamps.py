@@ -1,5 +1,6 @@
-"""Times in files as integer nanoseconds, checked to run forwards."""
+"""Times in files as integer nanoseconds, checked to run forwards, and back."""
 
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -11,29 +12,34 @@ MAX_SECONDS = 9.0e9
 
 
 def stamps_ns(
-    path: Path, name: str, seconds: FloatArray, *, repeats: bool = False, first_record: int = 1
+    path: Path, name: str, times: FloatArray, *, repeats: bool = False, first_record: int = 1
 ) -> IntArray:
     """The times (n,) of a file in ns.
 
     Args:
         path: the file, for the error.
         name: the column, for the error.
-        seconds: (n,).
+        times: (n,) s.
         repeats: whether a time may come twice.
         first_record: the number that the error gives to the first record.
 
     Raises:
         InputError: a time is out of range or does not follow the one before.
     """
-    if not (np.abs(seconds) <= MAX_SECONDS).all():
+    if not (np.abs(times) <= MAX_SECONDS).all():
         raise InputError(f"{path}: {name}: expected times within {MAX_SECONDS:g} s")
-    stamps = np.rint(seconds * 1e9).astype(np.int64)
+    stamps = np.rint(times * 1e9).astype(np.int64)
     steps = np.diff(stamps)
     back = np.flatnonzero(steps < 0 if repeats else steps <= 0)
     if len(back):
         record = back[0] + 1
         raise InputError(
             f"{path}: {name}: expected times to increase, record {record + first_record} has "
-            f"{seconds[record]:.9g} s after {seconds[record - 1]:.9g} s"
+            f"{times[record]:.9g} s after {times[record - 1]:.9g} s"
         )
     return stamps
+
+
+def seconds(stamp_ns: int) -> str:
+    """The seconds of a stamp, exact, as files have them."""
+    return f"{Decimal(stamp_ns).scaleb(-9):f}"

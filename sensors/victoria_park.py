@@ -5,10 +5,8 @@ All files count one clock, in s or ms; the drive data of `aa3_dr.mat` are those 
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from semgraph.arrays import FloatArray
@@ -16,7 +14,7 @@ from semgraph.errors import InputError
 from semgraph.landmarks import Kind, Perceptions, polar_covariances
 from sensors import utility_car
 from sensors.dead_reckoning import in_order_of_time, integrate
-from sensors.mat_files import load_mat, numbers, vector
+from sensors.mat_files import MatArray, load_mat, numbers, vector
 from sensors.measurements import Recording, WheelOdometry
 from sensors.stamps import stamps_ns
 from sensors.truth import Source, TruePath, Truth
@@ -50,6 +48,7 @@ def read(path: Path, options: VictoriaParkOptions) -> Source:  # noqa: ARG001 - 
     Raises:
         InputError: a file is missing, damaged, or its arrays are not what they should be.
     """
+    truth = Truth(_true_path(path / GPS_FILE))
     file = path / DETECTIONS_FILE
     arrays = load_mat(file, ("zt", "TLsr", "u", "time"))
     trees = _trees(file, arrays)
@@ -60,18 +59,18 @@ def read(path: Path, options: VictoriaParkOptions) -> Source:  # noqa: ARG001 - 
         num_scans=len(trees),
         odometry_noise=utility_car.ODOMETRY_NOISE,
     )
-    return Source(recording, Truth(_true_path(path / GPS_FILE)))
+    return Source(recording, truth)
 
 
-def _trees(file: Path, arrays: dict[str, NDArray[Any]]) -> list[Perceptions]:
+def _trees(file: Path, arrays: dict[str, MatArray]) -> list[Perceptions]:
     stamps = stamps_ns(file, "TLsr", vector(file, "TLsr", arrays["TLsr"]))
-    cells = arrays["zt"].ravel()
-    if cells.dtype != object or not 0 < len(cells) == len(stamps):
+    cells = arrays["zt"]
+    if not isinstance(cells, tuple) or not 0 < len(cells) == len(stamps):
         raise InputError(f"{file}: zt: expected one cell for each of the {len(stamps)} times")
     return [_perceptions(int(stamps[k]), _features(file, k, cells[k])) for k in range(len(cells))]
 
 
-def _features(file: Path, k: int, cell: NDArray[Any]) -> FloatArray:
+def _features(file: Path, k: int, cell: FloatArray) -> FloatArray:
     """(3, n) range, bearing, diameter of what is not the car itself."""
     if not cell.size:
         return np.zeros((3, 0))
@@ -96,7 +95,7 @@ def _perceptions(stamp_ns: int, features: FloatArray) -> Perceptions:
 
 
 def _odometry(
-    file: Path, arrays: dict[str, NDArray[Any]], trees: list[Perceptions]
+    file: Path, arrays: dict[str, MatArray], trees: list[Perceptions]
 ) -> list[WheelOdometry]:
     speeds, steering = numbers(file, "u", arrays["u"], (2, -1))
     stamps = stamps_ns(file, "time", vector(file, "time", arrays["time"]))

@@ -153,7 +153,7 @@ def _records(file: Path) -> Iterator[tuple[int, str, int, int, list[float]]]:
             values = [float(number) for number in fields[2:]]
         except ValueError as error:
             raise InputError(f"{file}: line {line}: expected numbers: {error}") from error
-        if not max(map(abs, (*values, i, j))) < 1e9:
+        if not all(abs(number) < 1e9 for number in (*values, i, j)):
             raise InputError(f"{file}: line {line}: expected finite numbers below 1e9")
         if kind == "LANDMARK" and math.hypot(values[0], values[1]) <= 0.0:
             raise InputError(f"{file}: line {line}: expected a landmark apart from the pose")
