@@ -22,6 +22,11 @@ def read_json(path: Path, schema: type[Schema]) -> Schema:
     try:
         return schema.model_validate_json(read_text(path))
     except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        place = " ".join(str(part) for part in first["loc"])
-        raise InputError(f"{path}: {place or 'file'}: {first['msg']}") from error
+        raise InputError(f"{path}: {first_fault(error)}") from error
+
+
+def first_fault(error: ValidationError) -> str:
+    """Where and why a schema was not kept, in one line."""
+    first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+    place = " ".join(str(part) for part in first["loc"])
+    return f"{place or 'file'}: {first['msg']}"

@@ -31,6 +31,9 @@ MAP_CSV = "map.csv"
 SETTINGS_TOML = "settings.toml"
 EVENTS_LOG = "events.log"
 
+# How an event begins that tells of a loop closure; evaluation counts them.
+LOOP_CLOSED = "loop closed"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunResult:
