@@ -84,7 +84,7 @@ def pose_nees(
     """
     rows = comparable_rows(estimate, truth.stamps_ns)
     stamps_ns = truth.stamps_ns[rows]
-    nearest = covariances[_nearest_rows(estimate.stamps_ns, stamps_ns)]
+    nearest = covariances[nearest_rows(estimate.stamps_ns, stamps_ns)]
     world_T_bases = compose(world_T_map, estimate.interpolate(stamps_ns))
     world_T_true = true_poses(truth)
     if world_T_true is not None:
@@ -105,6 +105,14 @@ def pose_nees(
     return normalized_squares(np.column_stack([along, across]), lever @ nearest @ lever.T + noise)
 
 
+def nearest_rows(stamps_ns: IntArray, wanted_ns: IntArray) -> IntArray:
+    """The row (m,) of the time in (n,) nearest to each wanted time (m,); the earlier of two."""
+    after = np.searchsorted(stamps_ns, wanted_ns).clip(max=len(stamps_ns) - 1)
+    before = (after - 1).clip(min=0)
+    nearer = wanted_ns - stamps_ns[before] <= stamps_ns[after] - wanted_ns
+    return np.where(nearer, before, after)
+
+
 def landmark_nees(
     landmarks: Sequence[Landmark], true: TrueLandmarks, matched: MapErrors, world_T_map: Pose2
 ) -> FloatArray:
@@ -115,14 +123,6 @@ def landmark_nees(
     errors = world_T_map.transform(positions) - true.world_t_landmarks[matched.true_rows]
     R = rotation(world_T_map.theta)
     return normalized_squares(errors, R @ covariances @ R.T)
-
-
-def _nearest_rows(stamps_ns: IntArray, wanted_ns: IntArray) -> IntArray:
-    after = np.searchsorted(stamps_ns, wanted_ns).clip(1, max(len(stamps_ns) - 1, 1))
-    before = after - 1
-    after = after.clip(max=len(stamps_ns) - 1)
-    nearer = wanted_ns - stamps_ns[before] <= stamps_ns[after] - wanted_ns
-    return np.where(nearer, before, after)
 
 
 def _mirrored(points: FloatArray) -> FloatArray:
