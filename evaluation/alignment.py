@@ -80,20 +80,28 @@ def robust_alignment(world_t_points: FloatArray, map_t_points: FloatArray) -> Po
     return world_T_map
 
 
-def reference_outliers(residuals: FloatArray) -> BoolArray:
-    """Which points of a reference jump, (n,), of its residuals (n, 2) in the order of time.
+def reference_outliers(world_t_references: FloatArray, world_t_points: FloatArray) -> BoolArray:
+    """Which points of a reference jump, (n,), beside an aligned estimate; both in order of time.
 
-    A point is one where its residual exceeds 5 sigma, and so does its difference from the median
-    residual of the 31 points around it; sigma is that of the median residual. Only a reference
-    jumps: an estimate that drifts or bends takes all points of a stretch with it, so they are kept.
+    Points that follow each other jump if each one's residual exceeds 5 sigma, and so does its
+    difference from the median residual of the 31 points around it, and the reference moved at
+    least 2.5 sigma farther than the estimate where they begin or end. Sigma is that of the median
+    residual. So an estimate that drifts, bends or jumps itself is not excused.
     """
-    from scipy.ndimage import median_filter
+    from scipy.ndimage import label, median_filter
 
+    residuals = world_t_references - world_t_points
     gate = OUTLIER_SIGMAS * residual_sigma(_lengths(residuals))
     around = median_filter(residuals, size=(NEIGHBOURHOOD, 1), mode="mirror")
-    is_far: BoolArray = _lengths(residuals) > gate
-    jumps: BoolArray = _lengths(residuals - around) > gate
-    return is_far & jumps
+    is_far = (_lengths(residuals) > gate) & (_lengths(residuals - around) > gate)
+    steps = _lengths(np.diff(world_t_references, axis=0)) - _lengths(
+        np.diff(world_t_points, axis=0)
+    )
+    jumps = np.concatenate([[False], steps > 0.5 * gate, [False]])
+    groups, _ = label(is_far)
+    jumping = groups[(jumps[:-1] | jumps[1:]) & is_far]
+    is_outlier: BoolArray = is_far & np.isin(groups, jumping)
+    return is_outlier
 
 
 def residual_sigma(lengths: FloatArray) -> float:

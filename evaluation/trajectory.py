@@ -194,4 +194,4 @@ def _outliers(map_T_bases: FloatArray, truth: TruePath, rows: IntArray) -> BoolA
     world_t_references = truth.world_t_reference[rows]
     map_t_references = transform_points(map_T_bases, truth.base_t_reference)
     world_T_map = robust_alignment(world_t_references, map_t_references)
-    return reference_outliers(world_t_references - world_T_map.transform(map_t_references))
+    return reference_outliers(world_t_references, world_T_map.transform(map_t_references))

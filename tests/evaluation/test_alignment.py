@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evaluation.alignment import reference_outliers, rigid_alignment, robust_alignment
+from semgraph.arrays import FloatArray
 from semgraph.errors import InputError
 from semgraph.geometry import Pose2
 
@@ -73,12 +74,34 @@ def test_gross_errors_neither_move_the_robust_alignment_nor_stay_unnamed(seed: i
     world_t_points[spoilt] += rng.choice([-1.0, 1.0], (12, 2)) * rng.uniform(5.0, 150.0, (12, 2))
     aligned = robust_alignment(world_t_points, map_t_points)
     assert_same_pose(aligned, Pose2(5.0, 6.0, 2.0), 0.1)
-    is_outlier = reference_outliers(world_t_points - aligned.transform(map_t_points))
+    is_outlier = reference_outliers(world_t_points, aligned.transform(map_t_points))
     np.testing.assert_array_equal(np.flatnonzero(is_outlier), np.sort(spoilt))
 
 
+def drive(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """A reference and an estimate beside it, 500 points along a wavy way."""
+    along = np.linspace(0.0, 300.0, 500)
+    way = np.column_stack([along, 20.0 * np.sin(along / 30.0)])
+    return way + rng.normal(0.0, 0.3, way.shape), way
+
+
 def test_an_estimate_that_bends_away_is_not_excused() -> None:
-    rng = np.random.default_rng(9)
-    residuals = rng.normal(0.0, 0.3, (500, 2))
-    residuals[300:400, 0] += 10.0 * np.sin(np.linspace(0.0, np.pi, 100))
-    assert not reference_outliers(residuals).any()
+    reference, estimate = drive(np.random.default_rng(9))
+    estimate[300:400, 0] += 10.0 * np.sin(np.linspace(0.0, np.pi, 100))
+    assert not reference_outliers(reference, estimate).any()
+
+
+@pytest.mark.parametrize("rows", [slice(200, 201), slice(200, 210), slice(200, 500)])
+def test_an_estimate_that_jumps_is_not_excused(rows: slice) -> None:
+    reference, estimate = drive(np.random.default_rng(10))
+    estimate[rows] += 20.0
+    assert not reference_outliers(reference, estimate).any()
+
+
+@pytest.mark.parametrize("rows", [slice(0, 1), slice(200, 201), slice(200, 210), slice(495, 500)])
+def test_a_reference_that_jumps_is_found(rows: slice) -> None:
+    reference, estimate = drive(np.random.default_rng(11))
+    reference[rows] += 20.0
+    np.testing.assert_array_equal(
+        np.flatnonzero(reference_outliers(reference, estimate)), np.arange(500)[rows]
+    )
