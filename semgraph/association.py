@@ -14,7 +14,7 @@ from semgraph.arrays import BoolArray, FloatArray
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
 
 # One object seen twice has one position; this is what its outline leaves open.
-_SAME_PLACE_SIGMA_M: Final = 0.02
+_SAME_PLACE: Final = 0.02**2 * np.eye(2)
 _MAX_SEEDS: Final = 24
 
 
@@ -50,7 +50,7 @@ def associate(
     compatibility; the odds and the margin are this project's.
     """
     space = _Differences(differences, covariance)
-    distances2 = space.distances2()
+    distances2 = mahalanobis2(space.mean, space.covariances())
     candidates = np.argwhere(allowed & (distances2 <= CHI2_2DOF_999))
     if len(candidates) == 0:
         return ()
@@ -90,40 +90,36 @@ def _rival(pair: tuple[int, int], grown: list[tuple[list[tuple[int, int]], float
 class _Differences:
     """The joint Gaussian over all differences recent minus old, to be conditioned step by step."""
 
-    def __init__(self, differences: FloatArray, covariance: FloatArray) -> None:
-        num_recent, num_old = differences.shape[:2]
+    def __init__(self, differences: FloatArray, joint: FloatArray) -> None:
         self.mean = differences
-        blocks = covariance.reshape(num_recent + num_old, 2, num_recent + num_old, 2)
-        self._joint = blocks.transpose(0, 2, 1, 3)
-        self._num_recent = num_recent
+        self._joint = joint
+        self._split = 2 * differences.shape[0]
 
     def covariances(self) -> FloatArray:
         """(a, b, 2, 2) of each difference."""
-        a = self._num_recent
-        rows, columns = np.arange(a), np.arange(a, len(self._joint))
-        recent = self._joint[rows, rows][:, None]
-        old = self._joint[columns, columns][None, :]
-        cross = self._joint[:a, a:]
-        own = _SAME_PLACE_SIGMA_M**2 * np.eye(2)
-        total: FloatArray = recent + old - cross - cross.transpose(0, 1, 3, 2) + own
+        a, b = self.mean.shape[:2]
+        k = self._split
+        recent = self._joint[:k, :k].reshape(a, 2, a, 2)[np.arange(a), :, np.arange(a), :]
+        old = self._joint[k:, k:].reshape(b, 2, b, 2)[np.arange(b), :, np.arange(b), :]
+        cross = self._joint[:k, k:].reshape(a, 2, b, 2).transpose(0, 2, 1, 3)
+        total: FloatArray = (
+            recent[:, None] + old[None, :] - cross - cross.transpose(0, 1, 3, 2) + _SAME_PLACE
+        )
         return total
-
-    def distances2(self) -> FloatArray:
-        """(a, b) squared Mahalanobis distances of each difference from zero."""
-        return mahalanobis2(self.mean, self.covariances())
 
     def given(self, recent: int, old: int) -> "_Differences":
         """The same, knowing that this pair is one object."""
-        a = self._num_recent
-        column = self._joint[:, recent] - self._joint[:, a + old]
-        S = column[recent] - column[a + old] + _SAME_PLACE_SIGMA_M**2 * np.eye(2)
-        gain = np.einsum("nij,jk->nik", column, np.linalg.inv(S))
-        shift = -gain @ self.mean[recent, old]
-        conditioned = _Differences.__new__(_Differences)
-        conditioned.mean = self.mean + shift[:a, None] - shift[None, a:]
-        conditioned._joint = self._joint - np.einsum("nij,mkj->nmik", gain, column)
-        conditioned._num_recent = a
-        return conditioned
+        k = self._split
+        rows, columns = slice(2 * recent, 2 * recent + 2), slice(k + 2 * old, k + 2 * old + 2)
+        by_difference = self._joint[:, rows] - self._joint[:, columns]
+        S = by_difference[rows] - by_difference[columns] + _SAME_PLACE
+        gain = by_difference @ np.linalg.inv(S)
+        shift = (gain @ -self.mean[recent, old]).reshape(-1, 2)
+        num_recent = len(self.mean)
+        return _Differences(
+            self.mean + shift[:num_recent, None] - shift[None, num_recent:],
+            self._joint - gain @ by_difference.T,
+        )
 
 
 def _grow(

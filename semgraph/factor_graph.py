@@ -4,7 +4,7 @@ The graph keeps a log of its own of every factor. iSAM2 is built from the log ag
 fails, since a failed update leaves it unusable.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -105,21 +105,17 @@ class FactorGraph:
         self._new_values.insert(X(index), _to_gtsam(guess))
         return index
 
-    def add_landmark(self, landmark: int, guess: FloatArray, sightings: Iterable[Sighting]) -> None:
-        """A new landmark (2,) with the sightings that confirm it.
+    def add_landmark(self, landmark: int, guess: FloatArray) -> None:
+        """A new landmark near `guess` (2,); a sighting must follow before the next update.
 
         Raises:
-            GraphError: it exists already, or has no sighting.
+            GraphError: it exists already.
         """
         if landmark in self._sightings:
             raise GraphError(f"landmark {landmark} is in the graph already")
         self._sightings[landmark] = []
         self._landmark_guesses[landmark] = guess
         self._new_values.insert(j=L(landmark), point2=np.asarray(guess, dtype=np.float64))
-        for sighting in sightings:
-            self.add_sighting(sighting)
-        if not self._sightings[landmark]:
-            raise GraphError(f"landmark {landmark}: expected at least one sighting")
 
     def add_sighting(self, sighting: Sighting) -> None:
         """One more sighting of a landmark that is in the graph.
@@ -133,8 +129,13 @@ class FactorGraph:
         self._queue(sighting)
 
     def merge(self, gone: int, kept: int) -> None:
-        """Makes two landmarks one: the sightings of `gone` become sightings of `kept`."""
-        self.update()
+        """Makes two landmarks one with the next update: sightings of `gone` become `kept`'s.
+
+        Raises:
+            GraphError: factors wait for an update; their places in iSAM2 are not known yet.
+        """
+        if self._new_sightings and any(s.landmark == gone for _, s in self._new_sightings):
+            raise GraphError(f"landmark {gone}: update the graph before it is merged")
         for sighting in self._sightings.pop(gone):
             self._removed_slots.append(sighting._slot)
             sighting.landmark = kept

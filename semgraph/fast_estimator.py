@@ -28,7 +28,11 @@ class Rules(Enum):
 
 
 class FastSettings(BaseModel):
-    """Settings of the fast estimator."""
+    """Settings of the fast estimator.
+
+    `memory_m`: landmarks not sighted for this distance driven are no longer matched. Finite, it
+    makes the map's frame the drifting but continuous odom; infinite, early landmarks close loops.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -39,6 +43,7 @@ class FastSettings(BaseModel):
     acceleration: float = Field(2.0, gt=0.0)
     angular_acceleration: float = Field(1.5, gt=0.0)
     map_sigma_m: float = Field(0.03, gt=0.0)
+    memory_m: float = Field(np.inf, gt=0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,6 +77,7 @@ class FastEstimator:
         self._map_T_last = UncertainPose2(map_T_start, np.zeros((3, 3)))
         self._map_covariance = settings.map_sigma_m**2 * np.eye(2)
         self._last_motion = Pose2()
+        self._driven_m = 0.0
         self._last_seconds = 0.0
         self._last_stamp_ns: int | None = None
 
@@ -114,7 +120,7 @@ class FastEstimator:
     ) -> tuple[LocalMap, Matches]:
         """Step 1: what is perceived, in the map, by the best of several proposed rotations."""
         radius_m = self._settings.search_radius_m
-        near = local_map(self._map, map_T_proposed.pose, perceptions, 2.0 * radius_m)
+        near = local_map(self._map, map_T_proposed.pose, perceptions, 2.0 * radius_m, self._since_m)
         rotations = self._rotations(perceptions, map_T_proposed)
         assignment = Assignment.NEAREST if self._is_paper else Assignment.ONE_TO_ONE
         rule = SweepRule.LOWEST_MEAN_DEVIATION if self._is_paper else SweepRule.MOST_MATCHES
@@ -202,11 +208,15 @@ class FastEstimator:
         sighted = np.unique(landmark_ids[matches.rows], return_index=True)[1]
         rows = matches.rows[sighted]
         self._map.update(
-            landmark_ids[rows], perceptions.select(rows), positions[rows], covariances[rows]
+            landmark_ids[rows],
+            perceptions.select(rows),
+            positions[rows],
+            covariances[rows],
+            self._driven_m,
         )
         new = np.flatnonzero(self._is_new(perceptions, positions, landmark_ids))
         landmark_ids[new] = self._map.insert(
-            perceptions.select(new), positions[new], covariances[new]
+            perceptions.select(new), positions[new], covariances[new], self._driven_m
         )
         return landmark_ids
 
@@ -218,13 +228,20 @@ class FastEstimator:
         radius_m = settings.search_radius_m if self._is_paper else settings.insert_radius_m
         is_new = landmark_ids < 0
         for k in np.flatnonzero(is_new & (perceptions.identities == "")):
-            neighbours = self._map.kinds(self._map.near(positions[k], radius_m))
+            neighbours = self._map.kinds(self._map.near(positions[k], radius_m, self._since_m))
             is_new[k] = not (neighbours == perceptions.kinds[k]).any()
         return is_new
 
+    @property
+    def _since_m(self) -> float:
+        """The distance driven before which landmarks are forgotten."""
+        return self._driven_m - self._settings.memory_m
+
     def _remember(self, stamp_ns: int, map_T_base: UncertainPose2) -> None:
+        step = self._map_T_last.pose.between(map_T_base.pose)
+        self._driven_m += float(np.hypot(step.x, step.y))
         if self._last_stamp_ns is not None:
-            self._last_motion = self._map_T_last.pose.between(map_T_base.pose)
+            self._last_motion = step
             self._last_seconds = (stamp_ns - self._last_stamp_ns) * 1e-9
         self._map_T_last = map_T_base
         self._last_stamp_ns = stamp_ns

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from semgraph.arrays import BoolArray, FloatArray
+from semgraph.arrays import FloatArray
 from semgraph.association import associate
 from semgraph.factor_graph import FactorGraph
 from semgraph.landmarks import Kind, Perceptions, SemanticObject, semantic_object
@@ -16,6 +16,8 @@ _MAX_OLD: Final = 30
 _MAX_REACH_M: Final = 40.0
 _LEAST_REACH_M: Final = 1.0
 _SURROUNDINGS_M: Final = 20.0
+# How many of a place's landmarks escaped notice at the first pass.
+_UNMAPPED: Final = 0.1
 _ATTRIBUTE_GATE: Final = 9.0
 _LOG_DIAMETER_SIGMA: Final = 0.05
 
@@ -30,6 +32,11 @@ class GraphLandmark:
     diameter_m: float = np.nan
     diameter_weight: float = 0.0
     unreliability: float = 1.0
+
+    @property
+    def num_sightings(self) -> int:
+        """In how many scans it was sighted."""
+        return len(self.scans)
 
     def sight(self, scan: int, perceptions: Perceptions, row: int) -> None:
         """Counts a sighting and averages its attributes in."""
@@ -97,7 +104,7 @@ def find_closures(
     if not recent:
         return []
     estimate = graph.estimate().map_t_landmarks
-    old = _candidates(graph, landmarks, recent, estimate)
+    old = _candidates(graph, recent, estimate)
     allowed = np.array([[landmarks[a].may_be(landmarks[b]) for b in old] for a in recent])
     if not allowed.any():
         return []
@@ -119,7 +126,6 @@ def find_closures(
 
 def _candidates(
     graph: FactorGraph,
-    landmarks: dict[int, GraphLandmark],
     recent: Sequence[int],
     estimate: dict[int, FloatArray],
 ) -> list[int]:
@@ -143,11 +149,11 @@ def _reach(covariance: FloatArray) -> float:
 
 
 def _density(estimate: dict[int, FloatArray], recent: Sequence[int]) -> float:
-    """Landmarks per m2 around those in sight."""
+    """Unmapped landmarks per m2 around those in sight."""
     positions = np.array(list(estimate.values()))
     centre = np.mean([estimate[landmark] for landmark in recent], axis=0)
     near = np.linalg.norm(positions - centre, axis=1) < _SURROUNDINGS_M
-    return (1.0 + float(near.sum())) / (np.pi * _SURROUNDINGS_M**2)
+    return _UNMAPPED * (1.0 + float(near.sum())) / (np.pi * _SURROUNDINGS_M**2)
 
 
 def duplicates(

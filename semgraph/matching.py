@@ -73,14 +73,19 @@ class Matches:
 
 
 def local_map(
-    navigation_map: NavigationMap, map_T_proposed: Pose2, perceptions: Perceptions, radius_m: float
+    navigation_map: NavigationMap,
+    map_T_proposed: Pose2,
+    perceptions: Perceptions,
+    radius_m: float,
+    since_m: float = -np.inf,
 ) -> LocalMap:
     """The landmarks that these perceptions could be, seen from the proposed frame.
 
-    Those within reach of the perceptions, and those of a perceived identity wherever they are.
+    Those within reach of the perceptions and last sighted at `since_m` driven or later, and those
+    of a perceived identity wherever they are.
     """
     reach = float(perceptions.ranges_m.max(initial=0.0)) + radius_m
-    ids = navigation_map.near(map_T_proposed.as_array()[:2], reach)
+    ids = navigation_map.near(map_T_proposed.as_array()[:2], reach, since_m)
     named = [
         navigation_map.with_identity(Kind(kind), str(identity))
         for kind, identity in zip(perceptions.kinds, perceptions.identities, strict=True)

@@ -39,6 +39,7 @@ class NavigationMap:
         self._diameter_weights = np.zeros(64)
         self._diameters = np.full(64, np.nan)
         self._misses = np.ones(64)
+        self._seen_at_m = np.zeros(64)
         self._identities: list[str] = []
         self._by_identity: dict[tuple[int, str], int] = {}
         self._cells: dict[tuple[int, int], list[int]] = {}
@@ -49,8 +50,11 @@ class NavigationMap:
     def __iter__(self) -> Iterator[Landmark]:
         return (self.landmark(landmark_id) for landmark_id in range(self._size))
 
-    def near(self, map_t_point: FloatArray, radius_m: float) -> IntArray:
-        """Ids, ascending, of the landmarks within `radius_m` of a point (2,)."""
+    def near(self, map_t_point: FloatArray, radius_m: float, since_m: float = -np.inf) -> IntArray:
+        """Ids, ascending, of the landmarks within `radius_m` of a point (2,).
+
+        Only those last sighted at a distance driven of `since_m` or more.
+        """
         low = np.floor((map_t_point - radius_m) / _CELL_M).astype(int)
         high = np.floor((map_t_point + radius_m) / _CELL_M).astype(int)
         found: list[int] = []
@@ -59,7 +63,8 @@ class NavigationMap:
                 found.extend(self._cells.get((column, row), ()))
         ids = np.array(sorted(found), dtype=np.int64)
         offsets = self._positions[ids] - map_t_point
-        return ids[np.hypot(offsets[:, 0], offsets[:, 1]) <= radius_m]
+        is_near = np.hypot(offsets[:, 0], offsets[:, 1]) <= radius_m
+        return ids[is_near & (self._seen_at_m[ids] >= since_m)]
 
     def with_identity(self, kind: Kind, identity: str) -> int | None:
         """The id of the landmark that bears this identity."""
@@ -92,7 +97,11 @@ class NavigationMap:
         return self._num_sightings[ids]
 
     def insert(
-        self, perceptions: Perceptions, map_t_landmarks: FloatArray, covariances: FloatArray
+        self,
+        perceptions: Perceptions,
+        map_t_landmarks: FloatArray,
+        covariances: FloatArray,
+        driven_m: float = 0.0,
     ) -> IntArray:
         """Ids (n,) of new landmarks, one for each perception at its position (n, 2) in map."""
         ids = np.arange(self._size, self._size + len(perceptions))
@@ -111,7 +120,7 @@ class NavigationMap:
                 self._by_identity[(int(perceptions.kinds[k]), identity)] = landmark_id
             self._cells.setdefault(_cell(map_t_landmarks[k]), []).append(landmark_id)
         self._size += len(perceptions)
-        self.update(ids, perceptions, map_t_landmarks, covariances)
+        self.update(ids, perceptions, map_t_landmarks, covariances, driven_m)
         return ids
 
     def update(
@@ -120,6 +129,7 @@ class NavigationMap:
         perceptions: Perceptions,
         map_t_landmarks: FloatArray,
         covariances: FloatArray,
+        driven_m: float = 0.0,
     ) -> None:
         """Counts one sighting of each of `ids` (n,), distinct, and averages it in.
 
@@ -128,7 +138,9 @@ class NavigationMap:
             perceptions: n of them.
             map_t_landmarks: (n, 2) where they were perceived, in map.
             covariances: (n, 2, 2) of those, in map.
+            driven_m: distance driven when they were sighted.
         """
+        self._seen_at_m[ids] = driven_m
         before = self._positions[ids]
         self._num_sightings[ids] += 1
         weights = np.linalg.inv(covariances)
@@ -190,6 +202,7 @@ class NavigationMap:
             "_diameter_weights",
             "_diameters",
             "_misses",
+            "_seen_at_m",
         ):
             old = getattr(self, name)
             grown = np.zeros((capacity, *old.shape[1:]), dtype=old.dtype)

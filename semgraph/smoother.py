@@ -1,11 +1,11 @@
 """The graph beside the fast estimator: sightings in, smoothed trajectory and map out.
 
-The fast estimator follows each object while it is in sight; such an unbroken stretch is a *track*.
-A track with enough sightings becomes a landmark of the graph. Whether it is an older landmark seen
-again is decided by the graph's own uncertainty, and then both become one.
+A fast estimator with a short memory follows each object while it is in sight; such a stretch is a
+*track*, and each track starts as a landmark of its own. Whether it is an older landmark seen again
+is decided by the graph's own uncertainty, and then both become one.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -28,12 +28,14 @@ class SmootherSettings(BaseModel):
     start_sigma_m: float = Field(1e-3, gt=0.0)
     start_sigma_rad: float = Field(1e-4, gt=0.0)
     min_sightings: int = Field(3, ge=1)
-    track_gap_scans: int = Field(10, ge=0)
     update_every_scans: int = Field(5, ge=1)
-    closure_odds: float = Field(1000.0, gt=1.0)
-    duplicate_odds: float = Field(20.0, gt=1.0)
+    closure_odds: float = Field(100.0, gt=1.0)
+    duplicate_odds: float = Field(10.0, gt=1.0)
+    in_sight_scans: int = Field(10, ge=0)
 
 
+# Fewer scans without a sighting are an interruption, not a loop.
+_LOOP_SCANS: Final = 100
 _STANDING: Final = UncertainPose2(Pose2(), np.zeros((3, 3)))
 
 
@@ -44,7 +46,12 @@ class _Track:
     landmark: int
     known: GraphLandmark
     last_scan: int
-    waiting: list[Sighting] = field(default_factory=list)
+    tested: int = 0
+
+    @property
+    def is_due(self) -> bool:
+        """Whether there is so much new evidence that looking for older selves may pay."""
+        return self.known.num_sightings > 1.3 * self.tested
 
 
 @dataclass(slots=True)
@@ -128,6 +135,7 @@ class Smoother:
                 1.0 - known.unreliability,
             )
             for landmark, known in self._landmarks.items()
+            if known.num_sightings >= self._settings.min_sightings
         )
 
     def _move(self, step: FastStep, *, has_perceptions: bool) -> None:
@@ -143,8 +151,12 @@ class Smoother:
             self._motion = _STANDING
         self._scans.append(_Scan(step.stamp_ns, self._graph.num_poses - 1, self._motion.pose))
 
-    def _sight(self, scan: int, fast_id: int, perceptions: Perceptions, row: int) -> None:
-        track = self._track(scan, fast_id, perceptions, row)
+    def _sight(self, scan: int, tracker_id: int, perceptions: Perceptions, row: int) -> None:
+        track = self._track(scan, tracker_id, perceptions, row)
+        if track.landmark not in self._landmarks:
+            guess = self._guess.transform(perceptions.base_t_landmarks()[[row]])[0]
+            self._graph.add_landmark(track.landmark, guess)
+            self._landmarks[track.landmark] = track.known
         track.last_scan = scan
         track.known.sight(scan, perceptions, row)
         sighting = Sighting(
@@ -154,17 +166,12 @@ class Smoother:
             bearing=float(perceptions.bearings[row]),
             covariance=perceptions.covariances[row],
         )
-        if track.landmark in self._landmarks:
-            self._graph.add_sighting(sighting)
-            return
-        track.waiting.append(sighting)
-        if len(track.waiting) >= self._settings.min_sightings or track.known.identity:
-            self._confirm(track, self._guess.transform(perceptions.base_t_landmarks()[[row]])[0])
+        self._graph.add_sighting(sighting)
 
-    def _track(self, scan: int, fast_id: int, perceptions: Perceptions, row: int) -> _Track:
+    def _track(self, scan: int, tracker_id: int, perceptions: Perceptions, row: int) -> _Track:
         """The track that goes on; or a new one, of a landmark that may be new as well."""
-        track = self._tracks.get(fast_id)
-        if track is not None and scan - track.last_scan <= self._settings.track_gap_scans + 1:
+        track = self._tracks.get(tracker_id)
+        if track is not None:
             return track
         kind, identity = Kind(perceptions.kinds[row]), str(perceptions.identities[row])
         named = self._by_identity.get((kind, identity)) if identity else None
@@ -173,38 +180,32 @@ class Smoother:
         else:
             track = _Track(self._next_landmark, GraphLandmark(kind, identity), scan)
             self._next_landmark += 1
-        self._tracks[fast_id] = track
+        if identity:
+            self._by_identity[(kind, identity)] = track.landmark
+        self._tracks[tracker_id] = track
         return track
-
-    def _confirm(self, track: _Track, guess: FloatArray) -> None:
-        """The track's landmark enters the graph."""
-        self._graph.add_landmark(track.landmark, guess, track.waiting)
-        self._landmarks[track.landmark] = track.known
-        track.waiting = []
-        if track.known.identity:
-            self._by_identity[(track.known.kind, track.known.identity)] = track.landmark
 
     def _update(self) -> None:
         """One iSAM2 update for the scans since the last, then a look for closed loops."""
         self._graph.update()
         scan = len(self._scans) - 1
-        gap = self._settings.track_gap_scans
-        self._tracks = {
-            fast_id: track
-            for fast_id, track in self._tracks.items()
-            if scan - track.last_scan <= gap
-        }
-        live = {track.landmark for track in self._tracks.values()}
-        recent = sorted(landmark for landmark in live if landmark in self._landmarks)
-        self._close(
-            find_closures(
-                self._graph, self._landmarks, recent, float(np.log(self._settings.closure_odds))
-            )
-        )
+        in_sight = [
+            track
+            for track in self._tracks.values()
+            if scan - track.last_scan <= self._settings.in_sight_scans
+        ]
+        if any(track.is_due for track in in_sight):
+            recent = sorted({track.landmark for track in in_sight})
+            odds = float(np.log(self._settings.closure_odds))
+            self._close(find_closures(self._graph, self._landmarks, recent, odds))
+            for track in in_sight:
+                track.tested = track.known.num_sightings
         self._guess = self._graph.pose(self._graph.num_poses - 1) @ self._motion.pose
 
     def _close(self, closures: list[Closure]) -> None:
         """Makes each pair one landmark; everything else follows in the next solution."""
+        if not closures:
+            return
         for closure in closures:
             self._record(closure)
             self._graph.merge(closure.recent, closure.old)
@@ -212,15 +213,13 @@ class Smoother:
             for track in self._tracks.values():
                 if track.landmark == closure.recent:
                     track.landmark, track.known = closure.old, self._landmarks[closure.old]
-        if closures:
-            self._graph.update(relinearize=True)
-            self._graph.update(relinearize=True)
+        self._graph.update(relinearize=True)
 
     def _record(self, closure: Closure) -> None:
         recent, old = self._landmarks[closure.recent], self._landmarks[closure.old]
         unseen = min(recent.scans) - max(old.scans)
-        what = "loop closed" if unseen > 10 * self._settings.track_gap_scans else "track resumed"
+        what = "loop closed" if unseen > _LOOP_SCANS else "track resumed"
         self._events.append(
-            f"scan {len(self._scans) - 1}: {what}: {old.kind.label} {closure.recent} is "
+            f"{what} at scan {len(self._scans) - 1}: {old.kind.label} {closure.recent} is "
             f"{closure.old}, unseen for {unseen} scans, log odds {closure.log_odds:.1f}"
         )
