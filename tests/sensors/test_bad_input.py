@@ -210,7 +210,7 @@ def test_a_matlab_bomb_is_refused_before_it_expands(
 def test_too_many_rows_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plain(tmp_path)
     monkeypatch.setattr("sensors.text_table.MAX_ROWS", 2)
-    with pytest.raises(InputError, match="expected at most 2 rows, got 3"):
+    with pytest.raises(InputError, match="expected at most 2 lines, got 4"):
         open_source(str(tmp_path), {})
 
 
