@@ -1,6 +1,10 @@
-"""The protocol that every detector keeps."""
+"""The protocol that every detector keeps, and what the catalog knows of one."""
 
-from typing import Protocol
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from pydantic import BaseModel
 
 from semgraph.landmarks import Perceptions
 from sensors.measurements import LaserScan
@@ -15,3 +19,14 @@ class Detector(Protocol):
     def detect(self, scan: LaserScan) -> Perceptions:
         """Perceptions relative to the *sensor*, stamped as the scan. No return is no perception."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorType:
+    """A kind of detector: its settings (a frozen pydantic model with defaults) and how to build it.
+
+    An entry point of the group `semgraph.detectors` names one of these.
+    """
+
+    settings: type[BaseModel]
+    build: Callable[[Any], Detector]

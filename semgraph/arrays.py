@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semgraph.errors import InputError
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
+from semgraph.errors import InputError
 from sensors.measurements import Recording
 
 
@@ -18,6 +19,7 @@ class TruePath:
         headings: (n,) rad, or None where only positions are known (GNSS).
         base_t_reference: (2,) m, e.g. the antenna's place on the vehicle.
         has_outliers: the reference itself jumps now and then, so that medians say more than means.
+        sigma_m: the reference's own standard deviation of one axis; 0 where it is negligible.
     """
 
     stamps_ns: IntArray
@@ -25,6 +27,7 @@ class TruePath:
     headings: FloatArray | None = None
     base_t_reference: FloatArray = field(default_factory=lambda: np.zeros(2))
     has_outliers: bool = False
+    sigma_m: float = 0.0
 
     def __post_init__(self) -> None:
         n = len(self.stamps_ns)
@@ -33,6 +36,8 @@ class TruePath:
         object.__setattr__(self, "world_t_reference", positions)
         offset = frozen_floats("truth reference point", self.base_t_reference, (2,))
         object.__setattr__(self, "base_t_reference", offset)
+        if not 0.0 <= self.sigma_m < np.inf:
+            raise InputError(f"truth: expected sigma_m of at least 0, got {self.sigma_m}")
         if self.headings is not None:
             headings = frozen_floats("truth headings", self.headings, (n,))
             object.__setattr__(self, "headings", headings)

@@ -1,0 +1,145 @@
+"""Reflecting markers in the intensity of a laser scan."""
+
+import math
+from typing import Final, final
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from detectors.detector import DetectorType
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.errors import InputError
+from semgraph.geometry import wrap_angle
+from semgraph.landmarks import Kind, Perceptions, polar_covariances
+from sensors.measurements import LaserScan
+
+
+class ReflectorSettings(BaseModel):
+    """Device and marker properties; lengths in m, angles in rad."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    intensity_min: float = Field(
+        default=200.0, ge=0.0, description="a brighter beam hit a reflector"
+    )
+    range_min_m: float = Field(
+        default=1.0,
+        ge=0.0,
+        description="nearer, bright reflections of the vehicle itself are expected",
+    )
+    range_max_m: float = Field(default=30.0, gt=0.0)
+    marker_width_m: float = Field(default=0.1, gt=0.0, description="widest a single marker can be")
+    centre_offset_m: float = Field(
+        default=0.0,
+        ge=0.0,
+        description="surface to centre: the radius of a wrapped pole, 0 for flat tape",
+    )
+    max_range_step_m: float = Field(
+        default=0.5, gt=0.0, description="a larger step parts two markers"
+    )
+    max_beam_step: int = Field(
+        default=2, ge=1, description="a larger step between bright beams parts two"
+    )
+    beam_divergence: float = Field(default=0.015, ge=0.0, description="spot width per m of range")
+    beam_exit_m: float = Field(default=0.008, ge=0.0, description="spot width at the device")
+    range_sigma_m: float = Field(default=0.007, gt=0.0, description="noise from scan to scan")
+    range_systematic_m: float = Field(
+        default=0.015, ge=0.0, description="error that repeats in each scan"
+    )
+    reliability: float = Field(default=0.99, gt=0.0, le=1.0)
+    single_hit_reliability: float = Field(default=0.97, gt=0.0, le=1.0)
+
+
+@final
+class ReflectorDetector:
+    """Groups bright beams into markers.
+
+    Source: beacons of Nebot's car park are one or two beams wide (0.5 deg), so a bearing is known
+    as well as the beam spacing allows: sigma = spacing / sqrt(12).
+    """
+
+    def __init__(self, settings: ReflectorSettings) -> None:
+        self._settings: Final = settings
+
+    def detect(self, scan: LaserScan) -> Perceptions:
+        """Markers relative to the laser, of width `marker_width_m` at most.
+
+        Raises:
+            InputError: the scan has no intensities.
+        """
+        if scan.intensities is None:
+            raise InputError(
+                "reflectors: expected a scan with intensities, got one without; "
+                "choose another detector or record the intensity"
+            )
+        bright = self._bright_beams(scan, scan.intensities)
+        starts = self._group_starts(bright, scan.ranges_m)
+        if not len(starts):
+            return _markers(scan.stamp_ns, *np.zeros((5, 0)))
+        return self._perceive(scan, scan.intensities, bright, starts)
+
+    def _bright_beams(self, scan: LaserScan, intensities: FloatArray) -> IntArray:
+        near = max(scan.geometry.range_min_m, self._settings.range_min_m)
+        far = min(scan.geometry.range_max_m, self._settings.range_max_m)
+        in_range = (scan.ranges_m >= near) & (scan.ranges_m <= far)
+        return np.flatnonzero(in_range & (intensities > self._settings.intensity_min))
+
+    def _group_starts(self, bright: IntArray, ranges_m: FloatArray) -> IntArray:
+        """Positions in `bright` where a new marker begins."""
+        parted = (np.diff(bright) > self._settings.max_beam_step) | (
+            np.abs(np.diff(ranges_m[bright])) > self._settings.max_range_step_m
+        )
+        return np.flatnonzero(np.concatenate([np.ones(min(len(bright), 1), bool), parted]))
+
+    def _perceive(
+        self, scan: LaserScan, intensities: FloatArray, bright: IntArray, starts: IntArray
+    ) -> Perceptions:
+        settings = self._settings
+        weights = intensities[bright] / intensities[bright].max()
+        total = np.add.reduceat(weights, starts)
+        beams = np.add.reduceat(weights * bright, starts) / total
+        ranges_m = np.add.reduceat(weights * scan.ranges_m[bright], starts) / total
+        num_hits = np.diff(np.append(starts, len(bright)))
+
+        increment = abs(scan.geometry.angle_increment)
+        last = bright[starts + num_hits - 1]
+        widths_m = (last - bright[starts]) * increment * ranges_m
+        spots_m = settings.beam_exit_m + settings.beam_divergence * ranges_m
+        narrow = widths_m <= settings.marker_width_m + spots_m
+        bearings = wrap_angle(scan.geometry.angle_min + beams * scan.geometry.angle_increment)
+        reliabilities = np.where(
+            num_hits == 1, settings.single_hit_reliability, settings.reliability
+        )
+        return _markers(
+            scan.stamp_ns,
+            ranges_m[narrow] + settings.centre_offset_m,
+            bearings[narrow],
+            np.full(narrow.sum(), math.hypot(settings.range_sigma_m, settings.range_systematic_m)),
+            self._bearing_sigmas(ranges_m[narrow], increment),
+            reliabilities[narrow],
+        )
+
+    def _bearing_sigmas(self, ranges_m: FloatArray, increment: float) -> FloatArray:
+        """Beam spacing, and a hit that may lie anywhere on the marker's face: both uniform."""
+        return np.hypot(increment, self._settings.marker_width_m / ranges_m) / math.sqrt(12.0)
+
+
+def _markers(
+    stamp_ns: int,
+    ranges_m: FloatArray,
+    bearings: FloatArray,
+    range_sigmas_m: FloatArray,
+    bearing_sigmas: FloatArray,
+    reliabilities: FloatArray,
+) -> Perceptions:
+    return Perceptions.from_arrays(
+        stamp_ns,
+        Kind.MARKER,
+        ranges_m,
+        bearings,
+        polar_covariances(range_sigmas_m, bearing_sigmas),
+        reliabilities=reliabilities,
+    )
+
+
+REFLECTORS = DetectorType(ReflectorSettings, ReflectorDetector)

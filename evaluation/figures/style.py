@@ -1,0 +1,89 @@
+"""What the pictures share: colours, measures, title, and how they are written."""
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from evaluation.trajectory import MAX_GAP_NS, PathErrors, rmse
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.errors import SemgraphError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+DPI = 170
+
+# Okabe and Ito 2008: told apart with every kind of colour vision.
+BLUE, ORANGE, GREY, INK = "#0072B2", "#E69F00", "#8A8A8A", "#262626"
+
+# Inches around the axes.
+LEFT, BOTTOM, TOP = 0.8, 0.65, 0.95
+
+# An estimate's name, its colour, and its errors.
+Compared = tuple[str, str, PathErrors]
+
+
+def plain(axes: "Axes") -> None:
+    """Gives axes a light grid and no frame."""
+    axes.grid(color="#E6E6E6", linewidth=0.7)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color("#B0B0B0")
+    axes.tick_params(colors=INK, labelsize=9)
+
+
+def rmse_text(errors: PathErrors) -> str:
+    """The RMSE in metres, jumping fixes left out."""
+    return f"{rmse(errors.errors[~errors.is_outlier]):.3f} m"
+
+
+def notes_on_reference(compared: Sequence[Compared]) -> list[str]:
+    """What a reader has to know about the reference."""
+    num_outliers = max((int(errors.is_outlier.sum()) for *_, errors in compared), default=0)
+    return [f"jumping reference fixes left out: {num_outliers}"] * (num_outliers > 0)
+
+
+def title(figure: "Figure", name: str, notes: Sequence[str]) -> None:
+    """The name in bold, below it the notes, broken to the figure's width."""
+    height, width = figure.get_figheight(), figure.get_figwidth()
+    left, from_top = 0.15 / width, 1.0 - 0.12 / height
+    heading = drawable(textwrap.shorten(name or "run", int(7.5 * width), placeholder="…"))
+    style: dict[str, Any] = {"ha": "left", "va": "top", "color": INK, "parse_math": False}
+    figure.text(left, from_top, heading, fontsize=14, fontweight="bold", **style)
+    broken = textwrap.fill(drawable(" · ".join(notes)), int(12.5 * width))
+    figure.text(left, 1.0 - 0.42 / height, broken, fontsize=9.5, linespacing=1.35, **style)
+
+
+def drawable(text: str) -> str:
+    """The text with a question mark for what the font cannot draw."""
+    from matplotlib.font_manager import FontProperties, findfont, get_font
+
+    font = get_font(findfont(FontProperties()))
+    return "".join(letter if font.get_char_index(ord(letter)) else "?" for letter in text)
+
+
+def broken_at_gaps(stamps_ns: IntArray, points: FloatArray) -> FloatArray:
+    """Points (n, d) with a row of NaN wherever more than 2 s passed: a line breaks there."""
+    gaps = np.flatnonzero(np.diff(stamps_ns) > MAX_GAP_NS) + 1
+    return np.insert(points, gaps, np.nan, axis=0)
+
+
+def save(figure: "Figure", path: Path) -> None:
+    """Writes a figure as PNG.
+
+    Raises:
+        SemgraphError: the file cannot be written.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure)
+    try:
+        figure.savefig(path, dpi=DPI, facecolor="white")
+    except OSError as error:
+        raise SemgraphError(f"{path}: cannot be written: {error.strerror}") from error

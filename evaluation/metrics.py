@@ -1,0 +1,168 @@
+"""A run judged against the truth, as named figures with unit and direction."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from evaluation.alignment import Alignment
+from evaluation.consistency import gauge, landmark_nees, pose_nees
+from evaluation.landmarks import MapErrors, compare_map, suspected_duplicates
+from evaluation.trajectory import PathErrors, compare_path, relative_errors, rmse
+from semgraph.estimates import Trajectory
+from semgraph.geometry import Pose2
+from semgraph.results import LOOP_CLOSED, RunResult
+from sensors.truth import TruePath, Truth
+
+RELATIVE_LENGTHS_M = (10, 50, 100)
+
+
+class Direction(Enum):
+    """Which way a metric gets better."""
+
+    LOWER = "lower"
+    HIGHER = "higher"
+    EXPECTED = "near the expected value"
+    NEITHER = "neither"
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """A named figure; `unit` is empty for counts, `expected` is what an honest run has."""
+
+    name: str
+    value: float
+    unit: str
+    better: Direction
+    expected: float | None = None
+
+
+def judge(result: RunResult, truth: Truth) -> tuple[Metric, ...]:
+    """Every metric that the run and what is known of the truth allow; the others are absent.
+
+    `trajectory_rmse_m` is after rigid alignment. If the truth has outliers, the alignment is the
+    robust one and it leaves out the fixes that jump (`alignment.reference_outliers`); their number
+    and the RMSE over all fixes stand beside it. `..._unaligned_m` takes the map's frame for the
+    world's, `..._origin_m` lays the first pose onto the first.
+    """
+    metrics: list[Metric] = []
+    if truth.path is not None:
+        metrics += _of_trajectory(result.smoothed, truth.path, "")
+        metrics += _of_trajectory(result.fast, truth.path, "fast_")
+    world_T_map = path_alignment(result, truth)
+    matched = compare_map(result.landmarks, truth, world_T_map)
+    metrics += _of_map(result, matched)
+    if matched is not None and world_T_map is not None and len(matched.map_rows):
+        metrics.append(_metres("map_rmse_path_aligned_m", rmse(matched.path_errors)))
+    if truth.path is not None:
+        metrics += _of_consistency(result, truth, truth.path, matched)
+    metrics += _of_run(result)
+    return tuple(metric for metric in metrics if np.isfinite(metric.value))
+
+
+def path_alignment(result: RunResult, truth: Truth) -> Pose2 | None:
+    """world_T_map that lays the smoothed path onto the true one; None where they never meet."""
+    if truth.path is None:
+        return None
+    errors = compare_path(result.smoothed, truth.path)
+    return None if errors is None else errors.world_T_map
+
+
+def _of_trajectory(estimate: Trajectory, truth: TruePath, prefix: str) -> Iterator[Metric]:
+    rigid = compare_path(estimate, truth, Alignment.RIGID)
+    if rigid is None:
+        return
+    kept = ~rigid.is_outlier
+    yield _metres(f"{prefix}trajectory_rmse_m", rmse(rigid.errors[kept]))
+    yield _metres(f"{prefix}trajectory_median_m", float(np.median(rigid.distances)))
+    yield _metres(f"{prefix}trajectory_max_m", float(rigid.distances[kept].max()))
+    if truth.has_outliers:
+        yield _metres(f"{prefix}trajectory_rmse_all_m", rmse(rigid.errors))
+        yield _count(f"{prefix}reference_outliers", int(rigid.is_outlier.sum()))
+    yield from _unaligned(estimate, truth, rigid, prefix)
+    yield _count(f"{prefix}reference_compared", len(rigid.rows))
+    yield _count(f"{prefix}reference_left_out", rigid.num_left_out)
+    yield from _headings(rigid, prefix)
+    for relative in relative_errors(estimate, truth, RELATIVE_LENGTHS_M):
+        name = f"{prefix}relative_{relative.length_m:g}m"
+        yield _metres(f"{name}_translation_rmse_m", relative.translation_rmse_m)
+        degrees = float(np.degrees(relative.heading_rmse))
+        yield Metric(f"{name}_heading_rmse_deg", degrees, "deg", Direction.LOWER)
+
+
+def _unaligned(
+    estimate: Trajectory, truth: TruePath, rigid: PathErrors, prefix: str
+) -> Iterator[Metric]:
+    kept = ~rigid.is_outlier
+    as_it_is = compare_path(estimate, truth, Alignment.NONE)
+    if as_it_is is not None:
+        yield _metres(f"{prefix}trajectory_rmse_unaligned_m", rmse(as_it_is.errors[kept]))
+    from_start = compare_path(estimate, truth, Alignment.ORIGIN)
+    if from_start is not None and truth.headings is not None:
+        yield _metres(f"{prefix}trajectory_rmse_origin_m", rmse(from_start.errors[kept]))
+        drift_m = float(from_start.distances.max())
+        yield _metres(f"{prefix}trajectory_max_origin_m", drift_m)
+
+
+def _headings(rigid: PathErrors, prefix: str) -> Iterator[Metric]:
+    if rigid.heading_errors is not None:
+        degrees = float(np.degrees(rmse(rigid.heading_errors)))
+        yield Metric(f"{prefix}heading_rmse_deg", degrees, "deg", Direction.LOWER)
+
+
+def _of_map(result: RunResult, matched: MapErrors | None) -> Iterator[Metric]:
+    yield _count("landmarks_confirmed", len(result.landmarks))
+    if matched is not None:
+        if len(matched.map_rows) >= 2:
+            yield _metres("map_rmse_m", rmse(matched.errors))
+        if len(matched.diameter_errors_m):
+            yield _metres("diameter_rmse_m", rmse(matched.diameter_errors_m))
+            bias_m = float(matched.diameter_errors_m.mean())
+            yield Metric("diameter_bias_m", bias_m, "m", Direction.EXPECTED, 0.0)
+        yield Metric("landmarks_found", len(matched.map_rows), "", Direction.HIGHER)
+        yield _count("landmarks_missed", len(matched.missed), Direction.LOWER)
+        yield _count("landmarks_false", len(matched.false), Direction.LOWER)
+        yield _count("landmarks_duplicate", len(matched.duplicates), Direction.LOWER)
+    num_suspected = len(suspected_duplicates(result.landmarks))
+    yield _count("landmarks_suspected_duplicate", num_suspected, Direction.LOWER)
+
+
+def _of_consistency(
+    result: RunResult, truth: Truth, path: TruePath, matched: MapErrors | None
+) -> Iterator[Metric]:
+    world_T_map = gauge(result.smoothed, path)
+    if world_T_map is None:
+        return
+    of_poses = pose_nees(result.smoothed, result.smoothed_covariances, path, world_T_map)
+    dof = 2.0 if path.headings is None else 3.0
+    yield from _nees("nees", of_poses, dof)
+    if matched is not None and truth.landmarks is not None:
+        of_landmarks = landmark_nees(result.landmarks, truth.landmarks, matched, world_T_map)
+        yield from _nees("landmark_nees", of_landmarks, 2.0)
+
+
+def _nees(name: str, squares: np.ndarray, dof: float) -> Iterator[Metric]:
+    known = squares[~np.isnan(squares)]
+    if len(known):
+        yield Metric(f"{name}_mean", float(known.mean()), "", Direction.EXPECTED, dof)
+
+
+def _of_run(result: RunResult) -> Iterator[Metric]:
+    if result.wall_seconds > 0.0:
+        rate = result.num_scans / result.wall_seconds
+        yield Metric("scans_per_second", rate, "1/s", Direction.HIGHER)
+    if len(result.fast_seconds):
+        for name, share in (("median", 0.5), ("p99", 0.99)):
+            latency_ms = 1e3 * float(np.quantile(result.fast_seconds, share))
+            yield Metric(f"fast_latency_{name}_ms", latency_ms, "ms", Direction.LOWER)
+    closures = [event for event in result.events if event.lower().startswith(LOOP_CLOSED)]
+    yield _count("num_loop_closures", len(closures))
+
+
+def _metres(name: str, value: float) -> Metric:
+    return Metric(name, value, "m", Direction.LOWER)
+
+
+def _count(name: str, value: int, better: Direction = Direction.NEITHER) -> Metric:
+    return Metric(name, float(value), "", better)

@@ -1,0 +1,131 @@
+"""The closed-form motion estimate between perceived and mapped landmarks (section 3.3, step 2)."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from semgraph.arrays import FloatArray
+from semgraph.errors import InputError
+from semgraph.estimates import NoEstimate, NoEstimateReason
+from semgraph.geometry import Pose2, UncertainPose2, rotation
+
+
+class Solve(Enum):
+    """Which closed form: the rigid optimum, or the paper's four free unknowns."""
+
+    RIGID = "rigid"
+    SIMILARITY = "similarity"
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """The estimate with its covariance, and the scale of the paper's solve.
+
+    |scale - 1| is an alarm for wrong matches, since distances between landmarks stay fixed.
+    """
+
+    map_T_base: UncertainPose2
+    scale: float
+
+
+def align(
+    base_t_landmarks: FloatArray,
+    map_t_landmarks: FloatArray,
+    variances: FloatArray,
+    solve: Solve = Solve.RIGID,
+) -> Alignment | NoEstimate:
+    """Weighted rigid fit of perceived landmarks to mapped ones: R p + t = l.
+
+    Args:
+        base_t_landmarks: (n, 2) m. Row k pairs with row k of the map.
+        map_t_landmarks: (n, 2) m.
+        variances: (n,) m2, per axis, of each pair's difference.
+        solve: RIGID, or the paper's least squares over (cos, sin, u, v) with equal weights.
+
+    Returns:
+        map_T_base with its covariance; or NoEstimate below 2 landmarks or if they coincide.
+
+    Raises:
+        InputError: shapes disagree.
+
+    Source: paper section 3.3, second step, where x solves R p + t = l although the text says
+    R l + t = p. Differs: rigid; after atan2 the angle is the same, the translation is better.
+    """
+    if base_t_landmarks.shape != map_t_landmarks.shape or variances.shape != (
+        len(map_t_landmarks),
+    ):
+        raise InputError(
+            f"alignment: shapes disagree: {base_t_landmarks.shape}, {map_t_landmarks.shape}, "
+            f"{variances.shape}"
+        )
+    if len(base_t_landmarks) < 2:
+        return NoEstimate(NoEstimateReason.TOO_FEW_MATCHES)
+    weights = 1.0 / variances if solve is Solve.RIGID else np.ones(len(variances))
+    p_mean = np.average(base_t_landmarks, axis=0, weights=weights)
+    l_mean = np.average(map_t_landmarks, axis=0, weights=weights)
+    p, q = base_t_landmarks - p_mean, map_t_landmarks - l_mean
+    spread = float(weights @ (p**2).sum(axis=1))
+    cosine = float(weights @ (p * q).sum(axis=1))
+    sine = float(weights @ (p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]))
+    # Where the spread is below one sigma the heading is noise.
+    is_degenerate = float(((p**2).sum(axis=1) / variances).sum()) < len(p)
+    if is_degenerate or np.hypot(cosine, sine) < 1e-12:
+        return NoEstimate(NoEstimateReason.DEGENERATE_GEOMETRY)
+    theta = float(np.arctan2(sine, cosine))
+    scale = float(np.hypot(cosine, sine)) / spread
+    map_R_base = rotation(theta) * (1.0 if solve is Solve.RIGID else scale)
+    x, y = l_mean - map_R_base @ p_mean
+    information = pose_information(base_t_landmarks, np.eye(2) / variances[:, None, None])
+    covariance = np.linalg.inv(information)
+    return Alignment(UncertainPose2(Pose2(float(x), float(y), theta), covariance), scale)
+
+
+def pose_information(base_t_landmarks: FloatArray, weights: FloatArray) -> FloatArray:
+    """(3, 3) information on the pose in its body tangent, from pairs weighted (n, 2, 2) in base.
+
+    From d(R p + t) = R (dt + dtheta (-p_y, p_x)).
+    """
+    J = point_jacobians(base_t_landmarks)
+    information: FloatArray = np.einsum("nik,nij,njl->kl", J, weights, J)
+    return information
+
+
+def point_jacobians(base_t_landmarks: FloatArray) -> FloatArray:
+    """(n, 2, 3): how a point fixed to base moves, in base, with the pose's body tangent."""
+    J = np.zeros((len(base_t_landmarks), 2, 3))
+    J[:, 0, 0] = J[:, 1, 1] = 1.0
+    J[:, 0, 2] = -base_t_landmarks[:, 1]
+    J[:, 1, 2] = base_t_landmarks[:, 0]
+    return J
+
+
+def fuse_with_prior(
+    map_T_base: Pose2,
+    prior: UncertainPose2,
+    base_t_landmarks: FloatArray,
+    map_t_landmarks: FloatArray,
+    base_covariances: FloatArray,
+) -> UncertainPose2:
+    """The pose that the motion model and the matched landmarks agree on, weighted by covariance.
+
+    Args:
+        map_T_base: where to start, e.g. the closed form.
+        prior: the motion model's map_T_base.
+        base_t_landmarks: (n, 2) perceived, n >= 0.
+        map_t_landmarks: (n, 2) of the map.
+        base_covariances: (n, 2, 2) of each pair's difference, in base.
+
+    Source: Gauss-Newton on SE(2); for one landmark it is what the closed form cannot give.
+    """
+    weights = np.linalg.inv(base_covariances)
+    prior_information = np.linalg.inv(prior.covariance)
+    information = prior_information + pose_information(base_t_landmarks, weights)
+    J = point_jacobians(base_t_landmarks)
+    pose = map_T_base
+    for _ in range(3):
+        residuals = pose.inverse().transform(map_t_landmarks) - base_t_landmarks
+        to_prior = pose.between(prior.pose).as_array()
+        gradient = np.einsum("nik,nij,nj->k", J, weights, residuals) + prior_information @ to_prior
+        pose = pose @ Pose2.from_array(np.linalg.solve(information, gradient))
+    return UncertainPose2(pose, np.linalg.inv(information))

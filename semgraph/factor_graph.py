@@ -1,0 +1,322 @@
+"""The pose and landmark graph on iSAM2. The only file that knows gtsam.
+
+The graph keeps a log of its own of every factor. iSAM2 is built from the log again when an update
+fails, since a failed update leaves it unusable.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import L, X
+
+from semgraph.arrays import FloatArray
+from semgraph.errors import GraphError
+from semgraph.geometry import Pose2, UncertainPose2, frozen_covariance
+
+# A sighting within this chi-square is taken as it is, one beyond it ever less (DCS; Agarwal 2013).
+_ROBUST_CHI2: Final = 13.8155
+_LEAST_RANGE_M: Final = 1e-3
+
+
+@dataclass(slots=True, eq=False)
+class Sighting:
+    """One bearing-range factor: pose `pose` saw landmark `landmark`.
+
+    `covariance` (2, 2) is of (range, bearing). `landmark` changes when landmarks are merged.
+    """
+
+    pose: int
+    landmark: int
+    range_m: float
+    bearing: float
+    covariance: FloatArray
+    _slot: int = field(default=-1, init=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Odometry:
+    """One between factor: `motion` is start_T_end."""
+
+    start: int
+    end: int
+    motion: UncertainPose2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraphEstimate:
+    """All variables at one moment.
+
+    Attributes:
+        map_T_bases: (n, 3), row k is pose k.
+        map_t_landmarks: position (2,) by landmark.
+    """
+
+    map_T_bases: FloatArray
+    map_t_landmarks: dict[int, FloatArray]
+
+
+class FactorGraph:
+    """Poses 0, 1, 2, ... joined by odometry, and the landmarks they sighted."""
+
+    def __init__(self, map_T_start: UncertainPose2) -> None:
+        self._start = map_T_start
+        self._odometry: list[Odometry] = []
+        self._sightings: dict[int, list[Sighting]] = {}
+        self._new_factors = gtsam.NonlinearFactorGraph()
+        self._new_sightings: list[tuple[int, Sighting]] = []
+        self._new_values = gtsam.Values()
+        self._removed_slots: list[int] = []
+        self._pose_guesses = [map_T_start.pose]
+        self._landmark_guesses: dict[int, FloatArray] = {}
+        self._isam = _new_isam()
+        self._estimate = gtsam.Values()
+        self._incidents: list[str] = []
+        self._new_factors.add(_prior_factor(map_T_start))
+        self._new_values.insert(X(0), _to_gtsam(map_T_start.pose))
+
+    @property
+    def num_poses(self) -> int:
+        """How many poses there are, the start included."""
+        return len(self._pose_guesses)
+
+    @property
+    def incidents(self) -> Sequence[str]:
+        """What went wrong in updates and how it was mended, one line each."""
+        return tuple(self._incidents)
+
+    def landmarks(self) -> tuple[int, ...]:
+        """The landmarks in the graph."""
+        return tuple(self._sightings)
+
+    def sightings(self, landmark: int) -> Sequence[Sighting]:
+        """All sightings of a landmark, in the order they were added."""
+        return tuple(self._sightings[landmark])
+
+    def add_pose(self, motion: UncertainPose2, guess: Pose2) -> int:
+        """The index of a new pose, reached from the last one by `motion`; it starts at `guess`."""
+        index = len(self._pose_guesses)
+        odometry = Odometry(index - 1, index, motion)
+        self._odometry.append(odometry)
+        self._pose_guesses.append(guess)
+        self._new_factors.add(_odometry_factor(odometry))
+        self._new_values.insert(X(index), _to_gtsam(guess))
+        return index
+
+    def add_landmark(self, landmark: int, guess: FloatArray, sightings: Iterable[Sighting]) -> None:
+        """A new landmark (2,) with the sightings that confirm it.
+
+        Raises:
+            GraphError: it exists already, or has no sighting.
+        """
+        if landmark in self._sightings:
+            raise GraphError(f"landmark {landmark} is in the graph already")
+        self._sightings[landmark] = []
+        self._landmark_guesses[landmark] = guess
+        self._new_values.insert(j=L(landmark), point2=np.asarray(guess, dtype=np.float64))
+        for sighting in sightings:
+            self.add_sighting(sighting)
+        if not self._sightings[landmark]:
+            raise GraphError(f"landmark {landmark}: expected at least one sighting")
+
+    def add_sighting(self, sighting: Sighting) -> None:
+        """One more sighting of a landmark that is in the graph.
+
+        Raises:
+            GraphError: NaN, a range of zero or below, or a covariance that is none. GTSAM would
+                take them in silence.
+        """
+        _check(sighting)
+        self._sightings[sighting.landmark].append(sighting)
+        self._queue(sighting)
+
+    def merge(self, gone: int, kept: int) -> None:
+        """Makes two landmarks one: the sightings of `gone` become sightings of `kept`."""
+        self.update()
+        for sighting in self._sightings.pop(gone):
+            self._removed_slots.append(sighting._slot)
+            sighting.landmark = kept
+            self._sightings[kept].append(sighting)
+            self._queue(sighting)
+        del self._landmark_guesses[gone]
+
+    def update(self, *, relinearize: bool = False) -> None:
+        """Takes in all that was added since the last update.
+
+        Args:
+            relinearize: force it, after something old was seen again.
+
+        A failure is named in `incidents`, and the graph rebuilt from its own log.
+        """
+        try:
+            result = self._isam.update(
+                self._new_factors,
+                self._new_values,
+                self._removed_slots,
+                None,
+                None,
+                None,
+                relinearize,
+            )
+            slots = list(result.getNewFactorsIndices())
+            for position, sighting in self._new_sightings:
+                sighting._slot = int(slots[position])
+            self._estimate = self._isam.calculateEstimate()
+        except (RuntimeError, ValueError, IndexError) as error:
+            self._incidents.append(f"update failed, graph rebuilt: {_first_line(error)}")
+            self._rebuild()
+        self._empty_queue()
+
+    def polish(self) -> None:
+        """Moves to the batch optimum over the whole log, starting from the estimate at hand."""
+        self.update()
+        graph, _ = self._whole_graph()
+        params = gtsam.LevenbergMarquardtParams()
+        params.setLinearSolverType("MULTIFRONTAL_QR")
+        optimizer = gtsam.LevenbergMarquardtOptimizer(graph, self._estimate, params)
+        self._adopt(optimizer.optimize())
+        self._rebuild()
+
+    def pose(self, index: int) -> Pose2:
+        """map_T_base of one pose as of the last update."""
+        pose = self._estimate.atPose2(X(index))
+        return Pose2(pose.x(), pose.y(), pose.theta())
+
+    def landmark(self, landmark: int) -> FloatArray:
+        """map_t_landmark (2,) as of the last update."""
+        return np.asarray(self._estimate.atPoint2(L(landmark)))
+
+    def estimate(self) -> GraphEstimate:
+        """All poses and landmarks as of the last update."""
+        poses = gtsam.utilities.extractPose2(self._estimate)
+        return GraphEstimate(
+            np.asarray(poses), {landmark: self.landmark(landmark) for landmark in self._sightings}
+        )
+
+    def landmark_covariance(self, landmarks: Sequence[int]) -> FloatArray:
+        """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
+        return self._joint_covariance([L(landmark) for landmark in landmarks])
+
+    def pose_covariance(self, index: int) -> FloatArray:
+        """(3, 3) marginal covariance of a pose, (x, y, theta) in its own frame."""
+        return np.asarray(self._isam.marginalCovariance(X(index)))
+
+    def _joint_covariance(self, keys: list[int]) -> FloatArray:
+        if len(keys) == 1:
+            return np.asarray(self._isam.marginalCovariance(keys[0]))
+        ordering = gtsam.Ordering()
+        for key in keys:
+            ordering.push_back(key)
+        information = self._isam.joint(keys).hessian(ordering)[0]
+        return np.linalg.inv(information)
+
+    def _queue(self, sighting: Sighting) -> None:
+        self._new_sightings.append((self._new_factors.size(), sighting))
+        self._new_factors.add(_sighting_factor(sighting))
+
+    def _empty_queue(self) -> None:
+        self._new_factors = gtsam.NonlinearFactorGraph()
+        self._new_sightings = []
+        self._new_values = gtsam.Values()
+        self._removed_slots = []
+
+    def _whole_graph(self) -> tuple[gtsam.NonlinearFactorGraph, list[Sighting]]:
+        """All factors of the log, and the sightings in the order of their factors."""
+        graph = gtsam.NonlinearFactorGraph()
+        graph.add(_prior_factor(self._start))
+        for odometry in self._odometry:
+            graph.add(_odometry_factor(odometry))
+        sightings = [sighting for group in self._sightings.values() for sighting in group]
+        for sighting in sightings:
+            graph.add(_sighting_factor(sighting))
+        return graph, sightings
+
+    def _rebuild(self) -> None:
+        """A new iSAM2 over the whole log, at the last good estimate.
+
+        Raises:
+            GraphError: the log itself cannot be solved.
+        """
+        graph, sightings = self._whole_graph()
+        isam = _new_isam()
+        try:
+            isam.update(graph, self._guesses())
+            self._estimate = isam.calculateEstimate()
+        except (RuntimeError, ValueError, IndexError) as error:
+            raise GraphError(f"the graph cannot be solved: {_first_line(error)}") from error
+        first = 1 + len(self._odometry)
+        for position, sighting in enumerate(sightings):
+            sighting._slot = first + position
+        self._isam = isam
+
+    def _guesses(self) -> gtsam.Values:
+        """The last good value of each variable, and the first guess of new ones."""
+        values = gtsam.Values()
+        for index, guess in enumerate(self._pose_guesses):
+            known = self._estimate.exists(X(index))
+            values.insert(X(index), self._estimate.atPose2(X(index)) if known else _to_gtsam(guess))
+        for landmark, position in self._landmark_guesses.items():
+            known = self._estimate.exists(L(landmark))
+            values.insert(j=L(landmark), point2=self.landmark(landmark) if known else position)
+        return values
+
+    def _adopt(self, values: gtsam.Values) -> None:
+        self._estimate = values
+
+
+def _new_isam() -> gtsam.ISAM2:
+    """iSAM2 by QR: its Cholesky refuses valid graphs whose sigmas differ by three decades."""
+    params = gtsam.ISAM2Params()
+    params.setFactorization("QR")
+    params.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(0.01))
+    params.setRelinearizeThreshold(0.05)
+    params.relinearizeSkip = 1
+    params.enablePartialRelinearizationCheck = True
+    params.findUnusedFactorSlots = True
+    return gtsam.ISAM2(params)
+
+
+def _check(sighting: Sighting) -> None:
+    if not (_LEAST_RANGE_M <= sighting.range_m < np.inf and np.isfinite(sighting.bearing)):
+        raise GraphError(
+            f"sighting of landmark {sighting.landmark}: expected a positive range and a finite "
+            f"bearing, got {sighting.range_m} m and {sighting.bearing} rad"
+        )
+    frozen_covariance("sighting covariance", sighting.covariance, 2)
+
+
+def _prior_factor(map_T_start: UncertainPose2) -> gtsam.PriorFactorPose2:
+    noise = gtsam.noiseModel.Gaussian.Covariance(map_T_start.covariance)
+    return gtsam.PriorFactorPose2(X(0), _to_gtsam(map_T_start.pose), noise)
+
+
+def _odometry_factor(odometry: Odometry) -> gtsam.BetweenFactorPose2:
+    noise = gtsam.noiseModel.Gaussian.Covariance(odometry.motion.covariance)
+    motion = _to_gtsam(odometry.motion.pose)
+    return gtsam.BetweenFactorPose2(X(odometry.start), X(odometry.end), motion, noise)
+
+
+def _sighting_factor(sighting: Sighting) -> gtsam.BearingRangeFactor2D:
+    """GTSAM's order is bearing first."""
+    noise = gtsam.noiseModel.Robust.Create(
+        gtsam.noiseModel.mEstimator.DCS.Create(_ROBUST_CHI2),
+        gtsam.noiseModel.Gaussian.Covariance(sighting.covariance[::-1, ::-1]),
+    )
+    return gtsam.BearingRangeFactor2D(
+        X(sighting.pose),
+        L(sighting.landmark),
+        gtsam.Rot2(sighting.bearing),
+        sighting.range_m,
+        noise,
+    )
+
+
+def _to_gtsam(pose: Pose2) -> gtsam.Pose2:
+    return gtsam.Pose2(pose.x, pose.y, pose.theta)
+
+
+def _first_line(error: Exception) -> str:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[0] if lines else type(error).__name__

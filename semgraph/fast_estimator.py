@@ -1,0 +1,239 @@
+"""The paper's landmark-based localization and mapping, scan by scan (section 3.3)."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from semgraph.alignment import Alignment, Solve, align, fuse_with_prior
+from semgraph.arrays import BoolArray, FloatArray, IntArray
+from semgraph.estimates import NoEstimate, NoEstimateReason
+from semgraph.geometry import Pose2, UncertainPose2, rotation
+from semgraph.landmarks import Perceptions
+from semgraph.matching import Assignment, LocalMap, Matches, SweepRule, local_map, match
+from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
+from semgraph.motion_model import MotionNoise, constant_motion
+from semgraph.navigation_map import Averaging, NavigationMap
+
+_KNOWN_START: Final = np.diag([1e-6**2, 1e-6**2, 1e-6**2])
+
+
+class Rules(Enum):
+    """BEST is this project's version of the three steps, PAPER the printed one."""
+
+    BEST = "best"
+    PAPER = "paper"
+
+
+class FastSettings(BaseModel):
+    """Settings of the fast estimator."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    rules: Rules = Rules.BEST
+    search_radius_m: float = Field(1.0, gt=0.0, le=100.0)
+    insert_radius_m: float = Field(0.5, ge=0.0, le=100.0)
+    sweep_max_rad: float = Field(0.35, ge=0.0, le=3.2)
+    acceleration: float = Field(2.0, gt=0.0)
+    angular_acceleration: float = Field(1.5, gt=0.0)
+    map_sigma_m: float = Field(0.03, gt=0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FastStep:
+    """What one scan gave.
+
+    Attributes:
+        stamp_ns: of the scan.
+        map_T_base: the estimate, with its covariance relative to the map around it.
+        motion: last_T_current by the motion model alone: independent of what was perceived.
+        closed_form: the paper's estimate, or why there is none and the motion model carried on.
+        landmark_ids: (n,) the landmark of each perception, -1 where it is left open.
+    """
+
+    stamp_ns: int
+    map_T_base: UncertainPose2
+    motion: UncertainPose2
+    closed_form: Alignment | NoEstimate
+    landmark_ids: IntArray
+
+
+class FastEstimator:
+    """Follows the robot from scan to scan in a map that it builds as it goes."""
+
+    def __init__(self, settings: FastSettings, map_T_start: Pose2) -> None:
+        self._settings = settings
+        self._is_paper = settings.rules is Rules.PAPER
+        averaging = Averaging.SIGHTINGS if self._is_paper else Averaging.INFORMATION
+        self._map = NavigationMap(averaging)
+        self._motion_noise = MotionNoise(settings.acceleration, settings.angular_acceleration)
+        self._map_T_last = UncertainPose2(map_T_start, np.zeros((3, 3)))
+        self._map_covariance = settings.map_sigma_m**2 * np.eye(2)
+        self._last_motion = Pose2()
+        self._last_seconds = 0.0
+        self._last_stamp_ns: int | None = None
+
+    @property
+    def navigation_map(self) -> NavigationMap:
+        """The map as it stands; a later `step` changes it."""
+        return self._map
+
+    def step(self, perceptions: Perceptions, odometry: UncertainPose2 | None) -> FastStep:
+        """The pose at these perceptions, after which they are in the map.
+
+        Args:
+            perceptions: relative to base.
+            odometry: last_T_current as the wheels measured it; None where there are none.
+        """
+        motion = self._propose(perceptions.stamp_ns, odometry)
+        map_T_proposed = self._map_T_last @ motion
+        near, matches = self._find_correspondences(perceptions, map_T_proposed)
+        estimate = self._estimate(perceptions, near, matches, map_T_proposed.covariance)
+        map_T_base = UncertainPose2(
+            map_T_proposed.pose @ estimate.proposed_T_base.pose, estimate.proposed_T_base.covariance
+        )
+        landmark_ids = self._update_map(perceptions, map_T_base.pose, near, estimate.matches)
+        self._remember(perceptions.stamp_ns, map_T_base)
+        return FastStep(
+            perceptions.stamp_ns, map_T_base, motion, estimate.closed_form, landmark_ids
+        )
+
+    def _propose(self, stamp_ns: int, odometry: UncertainPose2 | None) -> UncertainPose2:
+        """The movement to the proposed frame: by odometry, else the last movement once more."""
+        if odometry is not None:
+            return odometry
+        if self._last_stamp_ns is None:
+            return UncertainPose2(Pose2(), _KNOWN_START)
+        seconds = (stamp_ns - self._last_stamp_ns) * 1e-9
+        return constant_motion(self._last_motion, self._last_seconds, seconds, self._motion_noise)
+
+    def _find_correspondences(
+        self, perceptions: Perceptions, map_T_proposed: UncertainPose2
+    ) -> tuple[LocalMap, Matches]:
+        """Step 1: what is perceived, in the map, by the best of several proposed rotations."""
+        radius_m = self._settings.search_radius_m
+        near = local_map(self._map, map_T_proposed.pose, perceptions, 2.0 * radius_m)
+        rotations = self._rotations(perceptions, map_T_proposed)
+        assignment = Assignment.NEAREST if self._is_paper else Assignment.ONE_TO_ONE
+        rule = SweepRule.LOWEST_MEAN_DEVIATION if self._is_paper else SweepRule.MOST_MATCHES
+        return near, match(perceptions, near, rotations, radius_m, assignment, rule)
+
+    def _rotations(self, perceptions: Perceptions, map_T_proposed: UncertainPose2) -> FloatArray:
+        """Zero first, then ever larger, as far as the motion model may err.
+
+        One step moves the farthest landmark by half the search radius.
+        """
+        reach = max(float(perceptions.ranges_m.max(initial=1.0)), 1.0)
+        step = 0.5 * self._settings.search_radius_m / reach
+        sigma = float(map_T_proposed.covariance[2, 2]) ** 0.5
+        limit = min(self._settings.sweep_max_rad, 2.0 * sigma)
+        turns = step * np.arange(1, int(limit / step) + 1)
+        return np.concatenate([[0.0], np.column_stack([turns, -turns]).ravel()])
+
+    def _estimate(
+        self, perceptions: Perceptions, near: LocalMap, matches: Matches, covariance: FloatArray
+    ) -> "_Estimate":
+        """Step 2: the movement in closed form; the motion model carries on where there is none."""
+        if self._is_paper:
+            closed_form = self._align(perceptions, near, matches)
+            if isinstance(closed_form, NoEstimate):
+                return _Estimate(closed_form, matches, UncertainPose2(Pose2(), covariance))
+            return _Estimate(closed_form, matches, closed_form.map_T_base)
+        closed_form = self._align(perceptions, near, matches)
+        if isinstance(closed_form, Alignment):
+            moved = near.seen_from(closed_form.map_T_base.pose)
+            radius_m = self._settings.insert_radius_m
+            matches = match(perceptions, moved, np.zeros(1), radius_m)
+            closed_form = self._align(perceptions, near, matches)
+        return self._agree(perceptions, near, matches, closed_form, covariance)
+
+    def _agree(
+        self,
+        perceptions: Perceptions,
+        near: LocalMap,
+        matches: Matches,
+        closed_form: Alignment | NoEstimate,
+        covariance: FloatArray,
+    ) -> "_Estimate":
+        """Closed form and motion model together; matches that contradict both are dropped."""
+        prior = UncertainPose2(Pose2(), covariance)
+        while True:
+            start = closed_form.map_T_base.pose if isinstance(closed_form, Alignment) else Pose2()
+            perceived = perceptions.base_t_landmarks()[matches.rows]
+            mapped = near.proposed_t_landmarks[matches.columns]
+            covariances = self._pair_covariances(perceptions, matches)
+            fused = fuse_with_prior(start, prior, perceived, mapped, covariances)
+            residuals = fused.pose.inverse().transform(mapped) - perceived
+            distances2 = mahalanobis2(residuals, covariances)
+            agrees = distances2 <= CHI2_2DOF_999
+            if agrees.all():
+                return _Estimate(closed_form, matches, fused)
+            matches = matches.select(np.arange(len(matches)) != int(distances2.argmax()))
+            closed_form = self._align(perceptions, near, matches)
+
+    def _align(
+        self, perceptions: Perceptions, near: LocalMap, matches: Matches
+    ) -> Alignment | NoEstimate:
+        if len(perceptions) == 0:
+            return NoEstimate(NoEstimateReason.NO_PERCEPTIONS)
+        variances = 0.5 * np.trace(self._pair_covariances(perceptions, matches), axis1=1, axis2=2)
+        return align(
+            perceptions.base_t_landmarks()[matches.rows],
+            near.proposed_t_landmarks[matches.columns],
+            variances,
+            Solve.SIMILARITY if self._is_paper else Solve.RIGID,
+        )
+
+    def _pair_covariances(self, perceptions: Perceptions, matches: Matches) -> FloatArray:
+        """(n, 2, 2) in base: of a perception, and of the map around it."""
+        return perceptions.base_covariances()[matches.rows] + self._map_covariance
+
+    def _update_map(
+        self, perceptions: Perceptions, map_T_base: Pose2, near: LocalMap, matches: Matches
+    ) -> IntArray:
+        """Step 3: matched landmarks are sighted once more, new ones inserted."""
+        map_R_base = rotation(map_T_base.theta)
+        positions = map_T_base.transform(perceptions.base_t_landmarks())
+        covariances = map_R_base @ perceptions.base_covariances() @ map_R_base.T
+        landmark_ids = np.full(len(perceptions), -1, dtype=np.int64)
+        landmark_ids[matches.rows] = near.ids[matches.columns]
+        sighted = np.unique(landmark_ids[matches.rows], return_index=True)[1]
+        rows = matches.rows[sighted]
+        self._map.update(
+            landmark_ids[rows], perceptions.select(rows), positions[rows], covariances[rows]
+        )
+        new = np.flatnonzero(self._is_new(perceptions, positions, landmark_ids))
+        landmark_ids[new] = self._map.insert(
+            perceptions.select(new), positions[new], covariances[new]
+        )
+        return landmark_ids
+
+    def _is_new(
+        self, perceptions: Perceptions, positions: FloatArray, landmark_ids: IntArray
+    ) -> BoolArray:
+        """Unmatched, and nothing of its kind within the radius; an identity is new by itself."""
+        settings = self._settings
+        radius_m = settings.search_radius_m if self._is_paper else settings.insert_radius_m
+        is_new = landmark_ids < 0
+        for k in np.flatnonzero(is_new & (perceptions.identities == "")):
+            neighbours = self._map.kinds(self._map.near(positions[k], radius_m))
+            is_new[k] = not (neighbours == perceptions.kinds[k]).any()
+        return is_new
+
+    def _remember(self, stamp_ns: int, map_T_base: UncertainPose2) -> None:
+        if self._last_stamp_ns is not None:
+            self._last_motion = self._map_T_last.pose.between(map_T_base.pose)
+            self._last_seconds = (stamp_ns - self._last_stamp_ns) * 1e-9
+        self._map_T_last = map_T_base
+        self._last_stamp_ns = stamp_ns
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Estimate:
+    """The movement from the proposed frame, and the matches that it rests on."""
+
+    closed_form: Alignment | NoEstimate
+    matches: Matches
+    proposed_T_base: UncertainPose2

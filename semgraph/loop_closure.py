@@ -1,0 +1,188 @@
+"""Finds landmarks that are one object: where older ones are in sight again, a loop closes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from semgraph.arrays import BoolArray, FloatArray
+from semgraph.association import associate
+from semgraph.factor_graph import FactorGraph
+from semgraph.landmarks import Kind, Perceptions, SemanticObject, semantic_object
+from semgraph.measurement_model import CHI2_2DOF_999
+
+_MAX_OLD: Final = 30
+_MAX_REACH_M: Final = 40.0
+_LEAST_REACH_M: Final = 1.0
+_SURROUNDINGS_M: Final = 20.0
+_ATTRIBUTE_GATE: Final = 9.0
+_LOG_DIAMETER_SIGMA: Final = 0.05
+
+
+@dataclass(slots=True)
+class GraphLandmark:
+    """What is known of a landmark of the graph beside its position."""
+
+    kind: Kind
+    identity: str
+    scans: set[int] = field(default_factory=set)
+    diameter_m: float = np.nan
+    diameter_weight: float = 0.0
+    unreliability: float = 1.0
+
+    def sight(self, scan: int, perceptions: Perceptions, row: int) -> None:
+        """Counts a sighting and averages its attributes in."""
+        self.scans.add(scan)
+        self.unreliability *= 1.0 - float(perceptions.reliabilities[row])
+        diameter_m = float(perceptions.diameters_m[row])
+        if np.isfinite(diameter_m):
+            weight = float(perceptions.diameter_sigmas_m[row]) ** -2
+            self._average(diameter_m, weight)
+
+    def absorb(self, other: "GraphLandmark") -> None:
+        """Takes over all that was known of another landmark which is the same object."""
+        self.scans |= other.scans
+        self.unreliability *= other.unreliability
+        if other.diameter_weight > 0.0:
+            self._average(other.diameter_m, other.diameter_weight)
+
+    def may_be(self, other: "GraphLandmark") -> bool:
+        """Whether nothing but the position could speak against both being one object."""
+        if self.kind is not other.kind or self.identity != other.identity:
+            return False
+        if not self.scans.isdisjoint(other.scans):
+            return False
+        if self.diameter_weight == 0.0 or other.diameter_weight == 0.0:
+            return True
+        variance = _LOG_DIAMETER_SIGMA**2 + sum(
+            1.0 / (side.diameter_weight * side.diameter_m**2) for side in (self, other)
+        )
+        return float(np.log(self.diameter_m / other.diameter_m)) ** 2 <= _ATTRIBUTE_GATE * variance
+
+    def semantics(self) -> SemanticObject:
+        """The tree, rock or marker that it is."""
+        sigma = self.diameter_weight**-0.5 if self.diameter_weight > 0.0 else np.nan
+        return semantic_object(self.kind, self.diameter_m, sigma, self.identity)
+
+    def _average(self, diameter_m: float, weight: float) -> None:
+        self.diameter_weight += weight
+        before = np.nan_to_num(self.diameter_m)
+        self.diameter_m = before + weight / self.diameter_weight * (diameter_m - before)
+
+
+@dataclass(frozen=True, slots=True)
+class Closure:
+    """Two landmarks that are one: `recent` is what was taken for new, `old` stays."""
+
+    recent: int
+    old: int
+    log_odds: float
+
+
+def find_closures(
+    graph: FactorGraph,
+    landmarks: dict[int, GraphLandmark],
+    recent: Sequence[int],
+    least_log_odds: float,
+) -> list[Closure]:
+    """The landmarks among `recent` that are older ones, as far as it is sure enough.
+
+    Args:
+        graph: updated; its joint covariance says how far the drift may have gone.
+        landmarks: all that are in the graph.
+        recent: those in sight now.
+        least_log_odds: how sure is sure enough.
+    """
+    if not recent:
+        return []
+    estimate = graph.estimate().map_t_landmarks
+    old = _candidates(graph, landmarks, recent, estimate)
+    allowed = np.array([[landmarks[a].may_be(landmarks[b]) for b in old] for a in recent])
+    if not allowed.any():
+        return []
+    concerned = [a for a, row in zip(recent, allowed, strict=True) if row.any()]
+    old = [b for b, column in zip(old, allowed.T, strict=True) if column.any()]
+    allowed = np.array([[landmarks[a].may_be(landmarks[b]) for b in old] for a in concerned])
+    pairs = associate(
+        np.array([[estimate[a] - estimate[b] for b in old] for a in concerned]),
+        graph.landmark_covariance([*concerned, *old]),
+        allowed,
+        _density(estimate, recent),
+    )
+    return [
+        Closure(concerned[pair.recent], old[pair.old], pair.log_odds)
+        for pair in pairs
+        if pair.log_odds >= least_log_odds
+    ]
+
+
+def _candidates(
+    graph: FactorGraph,
+    landmarks: dict[int, GraphLandmark],
+    recent: Sequence[int],
+    estimate: dict[int, FloatArray],
+) -> list[int]:
+    """The nearest of the landmarks that drift may have brought apart from a recent one."""
+    others = [landmark for landmark in estimate if landmark not in set(recent)]
+    if not others:
+        return []
+    positions = np.array([estimate[landmark] for landmark in others])
+    seen = np.array([estimate[landmark] for landmark in recent])
+    reaches = np.array([_reach(graph.landmark_covariance([landmark])) for landmark in recent])
+    distances = np.linalg.norm(positions[:, None] - seen[None], axis=2)
+    excess = (distances / reaches).min(axis=1)
+    order = np.argsort(excess, kind="stable")[:_MAX_OLD]
+    return [others[k] for k in order if excess[k] <= 1.0]
+
+
+def _reach(covariance: FloatArray) -> float:
+    """How far a landmark of this covariance may be from its other self, at 99.9 %."""
+    largest = float(np.linalg.eigvalsh(covariance)[-1])
+    return float(np.clip((2.0 * CHI2_2DOF_999 * largest) ** 0.5, _LEAST_REACH_M, _MAX_REACH_M))
+
+
+def _density(estimate: dict[int, FloatArray], recent: Sequence[int]) -> float:
+    """Landmarks per m2 around those in sight."""
+    positions = np.array(list(estimate.values()))
+    centre = np.mean([estimate[landmark] for landmark in recent], axis=0)
+    near = np.linalg.norm(positions - centre, axis=1) < _SURROUNDINGS_M
+    return (1.0 + float(near.sum())) / (np.pi * _SURROUNDINGS_M**2)
+
+
+def duplicates(
+    graph: FactorGraph, landmarks: dict[int, GraphLandmark], least_log_odds: float
+) -> list[Closure]:
+    """Pairs of landmarks anywhere in the map that are one object, each landmark at most once."""
+    from scipy.spatial import KDTree
+
+    estimate = graph.estimate().map_t_landmarks
+    if len(estimate) < 2:
+        return []
+    ids = list(estimate)
+    pairs = KDTree(np.array(list(estimate.values()))).query_pairs(
+        _LEAST_REACH_M * 3.0, output_type="ndarray"
+    )
+    found: list[Closure] = []
+    for recent, old in ((ids[max(pair)], ids[min(pair)]) for pair in pairs.tolist()):
+        if not landmarks[recent].may_be(landmarks[old]):
+            continue
+        matched = associate(
+            (estimate[recent] - estimate[old])[None, None],
+            graph.landmark_covariance([recent, old]),
+            np.ones((1, 1), dtype=np.bool_),
+            _density(estimate, [recent]),
+        )
+        found.extend(Closure(recent, old, pair.log_odds) for pair in matched)
+    return _disjoint([closure for closure in found if closure.log_odds >= least_log_odds])
+
+
+def _disjoint(closures: list[Closure]) -> list[Closure]:
+    """The surest first, no landmark twice."""
+    taken: set[int] = set()
+    kept = []
+    for closure in sorted(closures, key=lambda closure: -closure.log_odds):
+        if taken.isdisjoint((closure.recent, closure.old)):
+            taken |= {closure.recent, closure.old}
+            kept.append(closure)
+    return kept

@@ -1,0 +1,53 @@
+"""The one h(x) of a sighting, its Jacobians and gates, shared by all estimators."""
+
+from typing import Final
+
+import numpy as np
+
+from semgraph.arrays import FloatArray
+from semgraph.geometry import Pose2, wrap_angle
+
+# Chi-square quantiles of 2 degrees of freedom, the gates of one sighting.
+CHI2_2DOF_99: Final = 9.2103
+CHI2_2DOF_999: Final = 13.8155
+
+
+def predict(map_T_base: Pose2, map_t_landmarks: FloatArray) -> FloatArray:
+    """(n, 2) expected (range, bearing) of landmarks (n, 2) from a pose."""
+    base_t_landmarks = map_T_base.inverse().transform(map_t_landmarks)
+    return np.column_stack(
+        [
+            np.hypot(base_t_landmarks[:, 0], base_t_landmarks[:, 1]),
+            np.arctan2(base_t_landmarks[:, 1], base_t_landmarks[:, 0]),
+        ]
+    )
+
+
+def innovations(predicted: FloatArray, ranges_m: FloatArray, bearings: FloatArray) -> FloatArray:
+    """(n, 2) measured minus predicted (range, bearing), the bearing wrapped."""
+    return np.column_stack([ranges_m - predicted[:, 0], wrap_angle(bearings - predicted[:, 1])])
+
+
+def jacobians(map_T_base: Pose2, map_t_landmarks: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """d(range, bearing) by the pose (n, 2, 3), body tangent, and by the landmark (n, 2, 2), map.
+
+    Source: Dellaert and Kaess 2017, section 2; the pose columns follow from the body-frame tangent.
+    """
+    delta = map_t_landmarks - (map_T_base.x, map_T_base.y)
+    ranges_m = np.hypot(delta[:, 0], delta[:, 1])
+    unit = delta / ranges_m[:, None]
+    across = np.column_stack([-unit[:, 1], unit[:, 0]]) / ranges_m[:, None]
+    by_landmark = np.stack([unit, across], axis=1)
+    c, s = np.cos(map_T_base.theta), np.sin(map_T_base.theta)
+    map_R_base = np.array([[c, -s], [s, c]])
+    by_pose = np.zeros((len(delta), 2, 3))
+    by_pose[:, :, :2] = -by_landmark @ map_R_base
+    by_pose[:, 1, 2] = -1.0
+    return by_pose, by_landmark
+
+
+def mahalanobis2(differences: FloatArray, covariances: FloatArray) -> FloatArray:
+    """(...) squared Mahalanobis distances of (..., k) differences with (..., k, k) covariances."""
+    solved = np.linalg.solve(covariances, differences[..., None])[..., 0]
+    distances2: FloatArray = np.einsum("...k,...k->...", differences, solved)
+    return distances2

@@ -1,0 +1,77 @@
+"""How the robot moves between two scans: wheel odometry, or the last movement once more."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from semgraph.arrays import FloatArray
+from semgraph.geometry import Pose2, UncertainPose2
+from sensors.measurements import OdometryNoise, WheelOdometry
+
+
+def odometry_covariance(motion: Pose2, noise: OdometryNoise) -> FloatArray:
+    """(3, 3) covariance of one short odometry step, in the frame at its end.
+
+    Variances grow with the distance and with the angle turned, so that the sum over many short
+    steps does not depend on how often the wheels are read.
+    """
+    distance = float(np.hypot(motion.x, motion.y))
+    turned = abs(motion.theta)
+    heading = noise.heading_per_sqrt_m**2 * distance + noise.heading_per_sqrt_rad**2 * turned
+    along = noise.along_per_sqrt_m**2 * distance
+    across = noise.across_per_sqrt_m**2 * distance
+    return np.diag([along, across, heading])
+
+
+# Wheels that stand still may still slip: what any odometry between two scans leaves open.
+STANDSTILL_COVARIANCE = np.diag([1e-3**2, 1e-3**2, 2e-4**2])
+
+
+@dataclass(slots=True)
+class OdometryAccumulator:
+    """Composes wheel odometry between two scans, mean and covariance."""
+
+    noise: OdometryNoise
+    _last: Pose2 | None = None
+    _motion: UncertainPose2 = field(
+        default_factory=lambda: UncertainPose2(Pose2(), np.zeros((3, 3)))
+    )
+
+    def add(self, sample: WheelOdometry) -> None:
+        """Appends the motion since the sample before."""
+        if self._last is not None:
+            step = self._last.between(sample.odom_T_base)
+            covariance = odometry_covariance(step, self.noise)
+            self._motion = self._motion @ UncertainPose2(step, covariance)
+        self._last = sample.odom_T_base
+
+    def take(self) -> UncertainPose2:
+        """The motion since the last `take`; the next one starts from here."""
+        motion = self._motion
+        self._motion = UncertainPose2(Pose2(), np.zeros((3, 3)))
+        return UncertainPose2(motion.pose, motion.covariance + STANDSTILL_COVARIANCE)
+
+
+@dataclass(frozen=True, slots=True)
+class MotionNoise:
+    """How much a velocity may change, where nothing measures the motion (1 sigma)."""
+
+    acceleration: float = 2.0
+    angular_acceleration: float = 1.5
+    floor_m: float = 0.02
+    floor_rad: float = 0.01
+
+
+def constant_motion(
+    last_motion: Pose2, last_seconds: float, seconds: float, noise: MotionNoise
+) -> UncertainPose2:
+    """The last movement once more, scaled to the time that has passed.
+
+    Source: paper section 3.3, the proposed frame. The covariance is this project's.
+    """
+    scale = seconds / last_seconds if last_seconds > 0.0 else 0.0
+    motion = Pose2(last_motion.x * scale, last_motion.y * scale, last_motion.theta * scale)
+    span = seconds * max(seconds, last_seconds)
+    sigma_m = noise.acceleration * span + noise.floor_m
+    sigma_rad = noise.angular_acceleration * span + noise.floor_rad
+    return UncertainPose2(motion, np.diag([sigma_m**2, sigma_m**2, sigma_rad**2]))

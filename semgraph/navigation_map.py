@@ -1,0 +1,202 @@
+"""The map of landmarks: sighting counters, means over all sightings, and a spatial index.
+
+Stored as a structure of arrays with a hash grid, so that what is near is found in time independent
+of the map's size.
+"""
+
+from collections.abc import Iterator
+from enum import Enum
+
+import numpy as np
+
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.landmarks import Kind, Landmark, Perceptions, semantic_object
+
+_CELL_M = 5.0
+
+
+class Averaging(Enum):
+    """How a landmark's position is averaged over its sightings."""
+
+    INFORMATION = "information"
+    SIGHTINGS = "sightings"
+
+
+class NavigationMap:
+    """Landmarks by id (0, 1, 2, ... in the order of insertion).
+
+    Source: paper section 3.3, third step. Differs: INFORMATION weighs each sighting by its own
+    covariance; SIGHTINGS is the paper's plain mean.
+    """
+
+    def __init__(self, averaging: Averaging = Averaging.INFORMATION) -> None:
+        self._averaging = averaging
+        self._size = 0
+        self._positions = np.zeros((64, 2))
+        self._information = np.zeros((64, 2, 2))
+        self._num_sightings = np.zeros(64, dtype=np.int64)
+        self._kinds = np.zeros(64, dtype=np.int64)
+        self._diameter_weights = np.zeros(64)
+        self._diameters = np.full(64, np.nan)
+        self._misses = np.ones(64)
+        self._identities: list[str] = []
+        self._by_identity: dict[tuple[int, str], int] = {}
+        self._cells: dict[tuple[int, int], list[int]] = {}
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __iter__(self) -> Iterator[Landmark]:
+        return (self.landmark(landmark_id) for landmark_id in range(self._size))
+
+    def near(self, map_t_point: FloatArray, radius_m: float) -> IntArray:
+        """Ids, ascending, of the landmarks within `radius_m` of a point (2,)."""
+        low = np.floor((map_t_point - radius_m) / _CELL_M).astype(int)
+        high = np.floor((map_t_point + radius_m) / _CELL_M).astype(int)
+        found: list[int] = []
+        for column in range(low[0], high[0] + 1):
+            for row in range(low[1], high[1] + 1):
+                found.extend(self._cells.get((column, row), ()))
+        ids = np.array(sorted(found), dtype=np.int64)
+        offsets = self._positions[ids] - map_t_point
+        return ids[np.hypot(offsets[:, 0], offsets[:, 1]) <= radius_m]
+
+    def with_identity(self, kind: Kind, identity: str) -> int | None:
+        """The id of the landmark that bears this identity."""
+        return self._by_identity.get((int(kind), identity))
+
+    def positions(self, ids: IntArray) -> FloatArray:
+        """map_t_landmarks (n, 2)."""
+        return self._positions[ids]
+
+    def covariances(self, ids: IntArray) -> FloatArray:
+        """(n, 2, 2) in map; for SIGHTINGS that of the plain mean."""
+        return np.linalg.inv(self._information[ids])
+
+    def kinds(self, ids: IntArray) -> IntArray:
+        """(n,) codes of `Kind`."""
+        return self._kinds[ids]
+
+    def diameters(self, ids: IntArray) -> tuple[FloatArray, FloatArray]:
+        """(n,) mean diameters and their sigmas, NaN where none was ever perceived."""
+        with np.errstate(divide="ignore"):
+            sigmas = 1.0 / np.sqrt(self._diameter_weights[ids])
+        return self._diameters[ids], np.where(np.isfinite(sigmas), sigmas, np.nan)
+
+    def identities(self, ids: IntArray) -> list[str]:
+        """(n,) identities, empty where there is none."""
+        return [self._identities[landmark_id] for landmark_id in ids]
+
+    def num_sightings(self, ids: IntArray) -> IntArray:
+        """(n,) the paper's sighting counters."""
+        return self._num_sightings[ids]
+
+    def insert(
+        self, perceptions: Perceptions, map_t_landmarks: FloatArray, covariances: FloatArray
+    ) -> IntArray:
+        """Ids (n,) of new landmarks, one for each perception at its position (n, 2) in map."""
+        ids = np.arange(self._size, self._size + len(perceptions))
+        self._grow_to(self._size + len(perceptions))
+        self._positions[ids] = map_t_landmarks
+        self._information[ids] = 0.0
+        self._num_sightings[ids] = 0
+        self._kinds[ids] = perceptions.kinds
+        self._diameter_weights[ids] = 0.0
+        self._diameters[ids] = np.nan
+        self._misses[ids] = 1.0
+        for k, landmark_id in enumerate(ids.tolist()):
+            identity = str(perceptions.identities[k])
+            self._identities.append(identity)
+            if identity:
+                self._by_identity[(int(perceptions.kinds[k]), identity)] = landmark_id
+            self._cells.setdefault(_cell(map_t_landmarks[k]), []).append(landmark_id)
+        self._size += len(perceptions)
+        self.update(ids, perceptions, map_t_landmarks, covariances)
+        return ids
+
+    def update(
+        self,
+        ids: IntArray,
+        perceptions: Perceptions,
+        map_t_landmarks: FloatArray,
+        covariances: FloatArray,
+    ) -> None:
+        """Counts one sighting of each of `ids` (n,), distinct, and averages it in.
+
+        Args:
+            ids: (n,) landmark of each perception.
+            perceptions: n of them.
+            map_t_landmarks: (n, 2) where they were perceived, in map.
+            covariances: (n, 2, 2) of those, in map.
+        """
+        before = self._positions[ids]
+        self._num_sightings[ids] += 1
+        weights = np.linalg.inv(covariances)
+        self._information[ids] += weights
+        if self._averaging is Averaging.INFORMATION:
+            gain = np.linalg.solve(self._information[ids], weights)
+            after = before + np.einsum("nij,nj->ni", gain, map_t_landmarks - before)
+        else:
+            after = before + (map_t_landmarks - before) / self._num_sightings[ids][:, None]
+        self._positions[ids] = after
+        self._move_cells(ids, before, after)
+        self._average_attributes(ids, perceptions)
+
+    def landmark(self, landmark_id: int) -> Landmark:
+        """The landmark as a value; its reliability: that not all of its sightings were false."""
+        ids = np.array([landmark_id])
+        diameters, sigmas = self.diameters(ids)
+        return Landmark(
+            landmark_id,
+            semantic_object(
+                Kind(self._kinds[landmark_id]),
+                diameters[0],
+                sigmas[0],
+                self._identities[landmark_id],
+            ),
+            self._positions[landmark_id],
+            self.covariances(ids)[0],
+            int(self._num_sightings[landmark_id]),
+            float(1.0 - self._misses[landmark_id]),
+        )
+
+    def _average_attributes(self, ids: IntArray, perceptions: Perceptions) -> None:
+        self._misses[ids] *= 1.0 - perceptions.reliabilities
+        seen = ~np.isnan(perceptions.diameters_m)
+        if not seen.any():
+            return
+        ids = ids[seen]
+        weights = perceptions.diameter_sigmas_m[seen] ** -2.0
+        self._diameter_weights[ids] += weights
+        before = np.nan_to_num(self._diameters[ids])
+        share = weights / self._diameter_weights[ids]
+        self._diameters[ids] = before + share * (perceptions.diameters_m[seen] - before)
+
+    def _move_cells(self, ids: IntArray, before: FloatArray, after: FloatArray) -> None:
+        moved = (np.floor(before / _CELL_M) != np.floor(after / _CELL_M)).any(axis=1)
+        for k in np.flatnonzero(moved):
+            self._cells[_cell(before[k])].remove(int(ids[k]))
+            self._cells.setdefault(_cell(after[k]), []).append(int(ids[k]))
+
+    def _grow_to(self, size: int) -> None:
+        if size <= len(self._positions):
+            return
+        capacity = max(size, 2 * len(self._positions))
+        for name in (
+            "_positions",
+            "_information",
+            "_num_sightings",
+            "_kinds",
+            "_diameter_weights",
+            "_diameters",
+            "_misses",
+        ):
+            old = getattr(self, name)
+            grown = np.zeros((capacity, *old.shape[1:]), dtype=old.dtype)
+            grown[: len(old)] = old
+            setattr(self, name, grown)
+
+
+def _cell(map_t_point: FloatArray) -> tuple[int, int]:
+    column, row = np.floor(map_t_point / _CELL_M).astype(int)
+    return int(column), int(row)

@@ -1,0 +1,226 @@
+"""The graph beside the fast estimator: sightings in, smoothed trajectory and map out.
+
+The fast estimator follows each object while it is in sight; such an unbroken stretch is a *track*.
+A track with enough sightings becomes a landmark of the graph. Whether it is an older landmark seen
+again is decided by the graph's own uncertainty, and then both become one.
+"""
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from semgraph.arrays import FloatArray
+from semgraph.estimates import Trajectory
+from semgraph.factor_graph import FactorGraph, Sighting
+from semgraph.fast_estimator import FastStep
+from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.landmarks import Kind, Landmark, Perceptions
+from semgraph.loop_closure import Closure, GraphLandmark, duplicates, find_closures
+
+
+class SmootherSettings(BaseModel):
+    """Settings of the graph."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    start_sigma_m: float = Field(1e-3, gt=0.0)
+    start_sigma_rad: float = Field(1e-4, gt=0.0)
+    min_sightings: int = Field(3, ge=1)
+    track_gap_scans: int = Field(10, ge=0)
+    update_every_scans: int = Field(5, ge=1)
+    closure_odds: float = Field(1000.0, gt=1.0)
+    duplicate_odds: float = Field(20.0, gt=1.0)
+
+
+_STANDING: Final = UncertainPose2(Pose2(), np.zeros((3, 3)))
+
+
+@dataclass(slots=True)
+class _Track:
+    """One object while it stays in sight."""
+
+    landmark: int
+    known: GraphLandmark
+    last_scan: int
+    waiting: list[Sighting] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class _Scan:
+    """Where a scan hangs: at a pose of the graph, `pose_T_scan` after it."""
+
+    stamp_ns: int
+    pose: int
+    pose_T_scan: Pose2
+
+
+class Smoother:
+    """Builds the graph scan by scan."""
+
+    def __init__(self, settings: SmootherSettings, map_T_start: Pose2) -> None:
+        sigmas = [settings.start_sigma_m, settings.start_sigma_m, settings.start_sigma_rad]
+        self._settings = settings
+        self._graph = FactorGraph(UncertainPose2(map_T_start, np.diag(sigmas) ** 2))
+        self._landmarks: dict[int, GraphLandmark] = {}
+        self._tracks: dict[int, _Track] = {}
+        self._by_identity: dict[tuple[Kind, str], int] = {}
+        self._scans: list[_Scan] = []
+        self._motion = _STANDING
+        self._next_landmark = 0
+        self._last_fast: Pose2 | None = None
+        self._guess = map_T_start
+        self._events: list[str] = []
+
+    @property
+    def events(self) -> tuple[str, ...]:
+        """What was decided, one line each, in order."""
+        return (*self._events, *self._graph.incidents)
+
+    def add(self, step: FastStep, perceptions: Perceptions) -> None:
+        """Takes in one scan of the fast estimator."""
+        self._move(step, has_perceptions=len(perceptions) > 0)
+        scan = len(self._scans) - 1
+        for row in np.flatnonzero(step.landmark_ids >= 0).tolist():
+            self._sight(scan, int(step.landmark_ids[row]), perceptions, row)
+        if len(self._scans) % self._settings.update_every_scans == 0:
+            self._update()
+
+    def finish(self) -> None:
+        """The batch optimum, with duplicates that only the whole run reveals made one."""
+        self._update()
+        self._graph.polish()
+        while closures := duplicates(
+            self._graph, self._landmarks, float(np.log(self._settings.duplicate_odds))
+        ):
+            self._close(closures)
+            self._graph.polish()
+
+    def trajectory(self) -> Trajectory:
+        """The smoothed pose of each scan."""
+        poses = self._graph.estimate().map_T_bases
+        rows = [
+            (Pose2.from_array(poses[scan.pose]) @ scan.pose_T_scan).as_array()
+            for scan in self._scans
+        ]
+        stamps_ns = np.array([scan.stamp_ns for scan in self._scans], dtype=np.int64)
+        return Trajectory(stamps_ns, np.array(rows).reshape(-1, 3))
+
+    def covariances(self) -> FloatArray:
+        """(n, 3, 3) of the trajectory's poses, each in its own frame."""
+        of_pose = {scan.pose: self._graph.pose_covariance(scan.pose) for scan in self._scans}
+        adjoints = [scan.pose_T_scan.inverse().adjoint() for scan in self._scans]
+        rows = [
+            Ad @ of_pose[scan.pose] @ Ad.T for Ad, scan in zip(adjoints, self._scans, strict=True)
+        ]
+        return np.array(rows).reshape(-1, 3, 3)
+
+    def landmarks(self) -> tuple[Landmark, ...]:
+        """The map: all landmarks of the graph with their marginal covariances."""
+        return tuple(
+            Landmark(
+                landmark,
+                known.semantics(),
+                self._graph.landmark(landmark),
+                self._graph.landmark_covariance([landmark]),
+                len(self._graph.sightings(landmark)),
+                1.0 - known.unreliability,
+            )
+            for landmark, known in self._landmarks.items()
+        )
+
+    def _move(self, step: FastStep, *, has_perceptions: bool) -> None:
+        """A new pose for a scan that perceives something; others hang on the last pose."""
+        fast = step.map_T_base.pose
+        self._guess = self._guess @ (
+            step.motion.pose if self._last_fast is None else self._last_fast.between(fast)
+        )
+        self._last_fast = fast
+        self._motion = self._motion @ step.motion
+        if has_perceptions:
+            self._graph.add_pose(self._motion, self._guess)
+            self._motion = _STANDING
+        self._scans.append(_Scan(step.stamp_ns, self._graph.num_poses - 1, self._motion.pose))
+
+    def _sight(self, scan: int, fast_id: int, perceptions: Perceptions, row: int) -> None:
+        track = self._track(scan, fast_id, perceptions, row)
+        track.last_scan = scan
+        track.known.sight(scan, perceptions, row)
+        sighting = Sighting(
+            pose=self._scans[scan].pose,
+            landmark=track.landmark,
+            range_m=float(perceptions.ranges_m[row]),
+            bearing=float(perceptions.bearings[row]),
+            covariance=perceptions.covariances[row],
+        )
+        if track.landmark in self._landmarks:
+            self._graph.add_sighting(sighting)
+            return
+        track.waiting.append(sighting)
+        if len(track.waiting) >= self._settings.min_sightings or track.known.identity:
+            self._confirm(track, self._guess.transform(perceptions.base_t_landmarks()[[row]])[0])
+
+    def _track(self, scan: int, fast_id: int, perceptions: Perceptions, row: int) -> _Track:
+        """The track that goes on; or a new one, of a landmark that may be new as well."""
+        track = self._tracks.get(fast_id)
+        if track is not None and scan - track.last_scan <= self._settings.track_gap_scans + 1:
+            return track
+        kind, identity = Kind(perceptions.kinds[row]), str(perceptions.identities[row])
+        named = self._by_identity.get((kind, identity)) if identity else None
+        if named is not None:
+            track = _Track(named, self._landmarks[named], scan)
+        else:
+            track = _Track(self._next_landmark, GraphLandmark(kind, identity), scan)
+            self._next_landmark += 1
+        self._tracks[fast_id] = track
+        return track
+
+    def _confirm(self, track: _Track, guess: FloatArray) -> None:
+        """The track's landmark enters the graph."""
+        self._graph.add_landmark(track.landmark, guess, track.waiting)
+        self._landmarks[track.landmark] = track.known
+        track.waiting = []
+        if track.known.identity:
+            self._by_identity[(track.known.kind, track.known.identity)] = track.landmark
+
+    def _update(self) -> None:
+        """One iSAM2 update for the scans since the last, then a look for closed loops."""
+        self._graph.update()
+        scan = len(self._scans) - 1
+        gap = self._settings.track_gap_scans
+        self._tracks = {
+            fast_id: track
+            for fast_id, track in self._tracks.items()
+            if scan - track.last_scan <= gap
+        }
+        live = {track.landmark for track in self._tracks.values()}
+        recent = sorted(landmark for landmark in live if landmark in self._landmarks)
+        self._close(
+            find_closures(
+                self._graph, self._landmarks, recent, float(np.log(self._settings.closure_odds))
+            )
+        )
+        self._guess = self._graph.pose(self._graph.num_poses - 1) @ self._motion.pose
+
+    def _close(self, closures: list[Closure]) -> None:
+        """Makes each pair one landmark; everything else follows in the next solution."""
+        for closure in closures:
+            self._record(closure)
+            self._graph.merge(closure.recent, closure.old)
+            self._landmarks[closure.old].absorb(self._landmarks.pop(closure.recent))
+            for track in self._tracks.values():
+                if track.landmark == closure.recent:
+                    track.landmark, track.known = closure.old, self._landmarks[closure.old]
+        if closures:
+            self._graph.update(relinearize=True)
+            self._graph.update(relinearize=True)
+
+    def _record(self, closure: Closure) -> None:
+        recent, old = self._landmarks[closure.recent], self._landmarks[closure.old]
+        unseen = min(recent.scans) - max(old.scans)
+        what = "loop closed" if unseen > 10 * self._settings.track_gap_scans else "track resumed"
+        self._events.append(
+            f"scan {len(self._scans) - 1}: {what}: {old.kind.label} {closure.recent} is "
+            f"{closure.old}, unseen for {unseen} scans, log odds {closure.log_odds:.1f}"
+        )
