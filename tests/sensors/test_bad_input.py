@@ -186,6 +186,9 @@ def test_unreadable_files_are_refused(tmp_path: Path, fill: Callable[[Path], Non
         file.chmod(0)
         assert not reads_or_says_one_line(tmp_path)
         file.chmod(0o644)
+    tmp_path.chmod(0)
+    assert not reads_or_says_one_line(tmp_path)
+    tmp_path.chmod(0o755)
 
 
 def test_a_gzip_bomb_is_refused_before_it_expands(
