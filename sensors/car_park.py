@@ -11,6 +11,7 @@ from semgraph.errors import InputError
 from semgraph.landmarks import Kind
 from sensors import utility_car
 from sensors.dead_reckoning import in_order_of_time, integrate
+from sensors.files import is_there
 from sensors.mat_files import MatArray, load_mat, numbers, vector
 from sensors.measurements import GnssFix, LaserScan, Recording, ScannerGeometry, WheelOdometry
 from sensors.stamps import stamps_ns
@@ -19,6 +20,7 @@ from sensors.truth import Source, TrueLandmarks, TruePath, Truth
 DATA_FILE = "data_set.mat"
 BEACONS_FILE = "beac_juan3.mat"
 GNSS_SIGMA_M = 0.05
+"""Stated: kinematic GPS, good to centimetres."""
 NO_RETURN_M = 81.8
 """An LMS says 81.83 m and above for an error or no return."""
 
@@ -39,7 +41,7 @@ class CarParkOptions(BaseModel, extra="forbid", frozen=True):
 
 def recognises(folder: Path) -> bool:
     """Whether the car park lies in the folder."""
-    return (folder / DATA_FILE).is_file()
+    return is_there(folder / DATA_FILE)
 
 
 def read(path: Path, options: CarParkOptions) -> Source:
@@ -103,6 +105,7 @@ def _true_path(file: Path, arrays: dict[str, MatArray]) -> TruePath:
         stamps_ns(file, "TimeGPS", seconds),
         np.column_stack([east, north]),
         base_t_reference=np.array([laser.x, laser.y]),
+        sigma_m=GNSS_SIGMA_M,
     )
 
 

@@ -48,9 +48,28 @@ def read_text(path: Path, max_bytes: int = MAX_FILE_BYTES) -> str:
     return text
 
 
+def is_there(path: Path) -> bool:
+    """Whether there is anything by this name, be it a file that can be read or not.
+
+    Raises:
+        InputError: its folder may not be looked into.
+    """
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {_reason(error)}") from error
+    return True
+
+
 def plain_or_gz(path: Path) -> Path:
-    """`path` if it is there, else the same with .gz behind."""
-    return path if path.is_file() else path.with_name(path.name + ".gz")
+    """`path` if it is there, else the same with .gz behind.
+
+    Raises:
+        InputError: as `is_there`.
+    """
+    return path if is_there(path) else path.with_name(path.name + ".gz")
 
 
 def _unpack(path: Path, packed: bytes, max_bytes: int) -> bytes:

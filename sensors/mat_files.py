@@ -19,6 +19,7 @@ import numpy as np
 from semgraph.arrays import FloatArray
 from semgraph.errors import InputError
 from sensors.files import read_bytes
+from sensors.text_table import LARGEST
 
 MAX_MAT_BYTES = 64 * 2**20
 MAX_EXPANDED_BYTES = 256 * 2**20
@@ -170,10 +171,11 @@ def numbers(path: Path, name: str, array: MatArray, shape: tuple[int, ...]) -> F
     if not fits:
         wanted = " x ".join("n" if size == -1 else str(size) for size in shape)
         raise InputError(f"{path}: {name}: expected {wanted} numbers, got shape {array.shape}")
-    bad = np.argwhere(~np.isfinite(array))
+    bad = np.argwhere(~(np.abs(array) <= LARGEST))
     if len(bad):
         raise InputError(
-            f"{path}: {name}: expected finite numbers, record {bad[0][0] + 1} has none"
+            f"{path}: {name}: expected finite numbers up to {LARGEST:g}, "
+            f"record {bad[0][0] + 1} holds {array[tuple(bad[0])]:g}"
         )
     return array
 

@@ -10,7 +10,7 @@ from semgraph.arrays import BoolArray, IntArray
 from semgraph.errors import InputError
 from semgraph.landmarks import Kind, Perceptions, polar_covariances
 from sensors.dead_reckoning import Twists, in_order_of_time, integrate
-from sensors.files import plain_or_gz
+from sensors.files import is_there, plain_or_gz
 from sensors.measurements import OdometryNoise, Recording, WheelOdometry
 from sensors.text_table import TextTable
 from sensors.truth import Source, TrueLandmarks, TruePath, Truth
@@ -50,7 +50,7 @@ class MrclamOptions(BaseModel, extra="forbid", frozen=True):
 
 def recognises(folder: Path) -> bool:
     """Whether an MRCLAM data set lies in the folder."""
-    return plain_or_gz(folder / BARCODES_FILE).is_file()
+    return is_there(plain_or_gz(folder / BARCODES_FILE))
 
 
 def read(path: Path, options: MrclamOptions) -> Source:

@@ -17,6 +17,7 @@ from semgraph.errors import InputError, known_names
 from sensors.files import read_bytes
 
 MAX_EXPANDED_BYTES = 1024 * 2**20
+MAX_MEMBERS = 100
 
 
 def load_npz(
@@ -29,6 +30,8 @@ def load_npz(
             array that holds no numbers.
     """
     content = read_bytes(path)
+    if content.count(b"PK\x01\x02") > MAX_MEMBERS:
+        raise InputError(f"{path}: expected at most {MAX_MEMBERS} arrays, got more")
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             _check_members(path, archive, required, optional)

@@ -7,8 +7,6 @@ knows no headings.
 """
 
 import csv
-import secrets
-import shutil
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -21,7 +19,9 @@ from semgraph.arrays import BoolArray, FloatArray
 from semgraph.errors import InputError
 from semgraph.geometry import Pose2
 from semgraph.landmarks import Kind, Perceptions
+from semgraph.staging import staged_folder
 from sensors.dead_reckoning import in_order_of_time, with_odometry_at
+from sensors.files import is_there
 from sensors.measurements import (
     GnssFix,
     ImuSample,
@@ -75,7 +75,7 @@ class PlainOptions(BaseModel, extra="forbid", frozen=True):
 
 def recognises(folder: Path) -> bool:
     """Whether a plain recording lies in the folder."""
-    return (folder / HEADER_FILE).is_file()
+    return is_there(folder / HEADER_FILE)
 
 
 def read(path: Path, options: PlainOptions) -> Source:  # noqa: ARG001 - every reader takes options
@@ -114,18 +114,7 @@ def _table(
 ) -> TextTable | None:
     """A table of the folder; None where it is not there."""
     file = path / name
-    return TextTable.of_csv(file, required, optional) if _is_there(file) else None
-
-
-def _is_there(file: Path) -> bool:
-    """Whether there is anything by this name, be it a file that can be read or not."""
-    try:
-        file.lstat()
-    except FileNotFoundError:
-        return False
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror}") from error
-    return True
+    return TextTable.of_csv(file, required, optional) if is_there(file) else None
 
 
 def _metres(table: TextTable, name: str) -> FloatArray:
@@ -174,7 +163,7 @@ def _sets(path: Path, defaults: PerceptionDefaults) -> list[Perceptions]:
 
 def _scans(path: Path, header: Header) -> list[LaserScan]:
     file = path / SCANS_FILE
-    if not _is_there(file):
+    if not is_there(file):
         return []
     if header.laser is None:
         raise InputError(f"{path / HEADER_FILE}: expected [laser], since there is {SCANS_FILE}")
@@ -210,7 +199,7 @@ def _refuse_records(file: Path, name: str, values: FloatArray, bad: BoolArray) -
 
 def _true_path(path: Path, header: TruthHeader) -> TruePath | None:
     file = path / TRUTH_FILE
-    if not _is_there(file):
+    if not is_there(file):
         return None
     table = TextTable.of_words(file, list(TUM_COLUMNS))
     quaternions = np.column_stack([table.numbers(name) for name in ("qx", "qy", "qz", "qw")])
@@ -226,6 +215,7 @@ def _true_path(path: Path, header: TruthHeader) -> TruePath | None:
         headings if has_headings else None,
         np.array(header.base_t_reference),
         header.has_outliers,
+        header.sigma_m,
     )
 
 
@@ -244,22 +234,17 @@ def write(source: Source, folder: Path) -> None:
     truth's associations.
 
     Raises:
-        InputError: the folder is there already or cannot be written, or the scans differ in
-            geometry or number of beams.
+        InputError: the folder is there already, or the scans differ in geometry or number of
+            beams.
+        SemgraphError: the folder cannot be written.
     """
-    partial = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}.partial")
     try:
-        if folder.exists():
+        if is_there(folder):
             raise InputError(f"{folder}: expected a new folder, it is there already")
-        partial.mkdir(parents=True)
-        try:
-            _write_files(source, partial)
-            partial.rename(folder)
-        finally:
-            shutil.rmtree(partial, ignore_errors=True)
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise InputError(f"{folder}: cannot be written: {reason}") from error
+        with staged_folder(folder, HEADER_FILE) as staging:
+            _write_files(source, staging)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
 
 
 def _write_files(source: Source, folder: Path) -> None:
@@ -292,7 +277,11 @@ def _write_header(folder: Path, source: Source, scans: list[LaserScan]) -> None:
         header["laser"] = laser_values(scans[0].geometry)
     if path is not None:
         reference = path.base_t_reference.tolist()
-        header["truth"] = {"base_t_reference": reference, "has_outliers": path.has_outliers}
+        header["truth"] = {
+            "base_t_reference": reference,
+            "has_outliers": path.has_outliers,
+            "sigma_m": path.sigma_m,
+        }
     with (folder / HEADER_FILE).open("wb") as file:
         tomli_w.dump(header, file)
 

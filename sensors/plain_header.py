@@ -66,10 +66,11 @@ class PerceptionDefaults(BaseModel, extra="forbid", frozen=True, allow_inf_nan=F
 
 
 class TruthHeader(BaseModel, extra="forbid", frozen=True, allow_inf_nan=False):
-    """`[truth]`: which point of the vehicle `truth.tum` follows, and whether it jumps."""
+    """`[truth]`: which point of the vehicle `truth.tum` follows, whether it jumps, its sigma."""
 
     base_t_reference: tuple[float, float] = (0.0, 0.0)
     has_outliers: bool = False
+    sigma_m: float = Field(default=0.0, ge=0.0)
 
 
 class Header(BaseModel, extra="forbid", frozen=True, allow_inf_nan=False):

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.landmarks import Kind, Perceptions, polar_covariances
@@ -24,6 +25,7 @@ OPTIONAL_PERCEPTION_COLUMNS = (
 DIAMETER_SIGMA_OF_LN = 0.24
 """Of diameters without sigma: sd(ln d) within single trees, as of Victoria Park's detections."""
 LARGEST_M = 1e7
+LONGEST_IDENTITY = 64
 
 
 def perception_sets(table: TextTable, defaults: PerceptionDefaults) -> list[Perceptions]:
@@ -74,7 +76,6 @@ def _all_perceptions(
     diameters_m = positive_or(table, "diameter_m", np.nan)
     diameter_sigmas_m = positive_or(table, "diameter_sigma_m", DIAMETER_SIGMA_OF_LN * diameters_m)
     diameter_sigmas_m[np.isnan(diameters_m)] = np.nan
-    identities = table.text("identity") if "identity" in table.columns else [""] * len(table)
     return Perceptions(
         0,
         kinds[has],
@@ -86,7 +87,7 @@ def _all_perceptions(
         ),
         diameters_m[has],
         diameter_sigmas_m[has],
-        np.array(identities, dtype=np.str_)[has],
+        _identities(table)[has],
         _reliabilities(table)[has],
     )
 
@@ -102,6 +103,15 @@ def positive_or(table: TextTable, name: str, default: float | FloatArray) -> Flo
     # Below 1 um a covariance is lost in rounding, above 1e5 it overflows nothing yet.
     values = table.numbers(name, above=1e-6, at_most=1e5, or_none=True)
     return np.where(np.isnan(values), default, values)
+
+
+def _identities(table: TextTable) -> NDArray[np.str_]:
+    if "identity" not in table.columns:
+        return np.full(len(table), "")
+    names = table.text("identity")
+    is_long = np.array([len(name) > LONGEST_IDENTITY for name in names], dtype=np.bool_)
+    table.refuse(is_long, "identity", f"at most {LONGEST_IDENTITY} characters")
+    return np.array(names, dtype=np.str_)
 
 
 def _reliabilities(table: TextTable) -> FloatArray:

@@ -11,30 +11,26 @@ from semgraph.errors import InputError
 MAX_SECONDS = 9.0e9
 
 
-def stamps_ns(
-    path: Path, name: str, times: FloatArray, *, repeats: bool = False, first_record: int = 1
-) -> IntArray:
+def stamps_ns(path: Path, name: str, times: FloatArray) -> IntArray:
     """The times (n,) of a file in ns.
 
     Args:
         path: the file, for the error.
         name: the column, for the error.
         times: (n,) s.
-        repeats: whether a time may come twice.
-        first_record: the number that the error gives to the first record.
 
     Raises:
         InputError: a time is out of range or does not follow the one before.
     """
     if not (np.abs(times) <= MAX_SECONDS).all():
         raise InputError(f"{path}: {name}: expected times within {MAX_SECONDS:g} s")
-    stamps = np.rint(times * 1e9).astype(np.int64)
+    stamps: IntArray = np.rint(times * 1e9).astype(np.int64)
     steps = np.diff(stamps)
-    back = np.flatnonzero(steps < 0 if repeats else steps <= 0)
+    back = np.flatnonzero(steps <= 0)
     if len(back):
         record = back[0] + 1
         raise InputError(
-            f"{path}: {name}: expected times to increase, record {record + first_record} has "
+            f"{path}: {name}: expected times to increase, record {record + 1} has "
             f"{times[record]:.9g} s after {times[record - 1]:.9g} s"
         )
     return stamps

@@ -17,8 +17,10 @@ from sensors.stamps import MAX_SECONDS
 
 Row = tuple[str | float, ...]
 
-MAX_TABLE_BYTES = 256 * 2**20
-MAX_ROWS = 5_000_000
+MAX_TABLE_BYTES = 128 * 2**20
+MAX_ROWS = 2_000_000
+LARGEST = 1e10
+"""No coordinate, time, range or angle of a recording is larger; squares stay far from overflow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +42,7 @@ class TextTable:
             InputError: unreadable, a column unknown, missing or there twice, or a row too long or
                 too short.
         """
-        reader = csv.reader(io.StringIO(read_text(path, MAX_TABLE_BYTES), newline=""), strict=True)
+        reader = csv.reader(io.StringIO(_bounded_text(path), newline=""), strict=True)
         try:
             header = [name.strip() for name in next(reader, [])]
             _check_header(path, header, required, optional)
@@ -56,7 +58,7 @@ class TextTable:
         Raises:
             InputError: unreadable, or a row of other length.
         """
-        words = (line.split() for line in read_text(path, MAX_TABLE_BYTES).splitlines())
+        words = (line.split() for line in _bounded_text(path).splitlines())
         rows = [
             (number, row)
             for number, row in enumerate(words, start=1)
@@ -66,8 +68,6 @@ class TextTable:
 
     @classmethod
     def _of_rows(cls, path: Path, header: list[str], rows: list[tuple[int, list[str]]]) -> Self:
-        if len(rows) > MAX_ROWS:
-            raise InputError(f"{path}: expected at most {MAX_ROWS} rows, got {len(rows)}")
         for line, row in rows:
             if len(row) != len(header):
                 raise InputError(
@@ -82,7 +82,7 @@ class TextTable:
         return [cell.strip() for cell in self.columns[name]]
 
     def numbers(
-        self, name: str, *, above: float = -np.inf, at_most: float = np.inf, or_none: bool = False
+        self, name: str, *, above: float = -LARGEST, at_most: float = LARGEST, or_none: bool = False
     ) -> FloatArray:
         """(n,) the finite numbers of a column.
 
@@ -102,9 +102,8 @@ class TextTable:
         good = np.isfinite(values) & (values > above) & (values <= at_most)
         if or_none:
             good |= np.array([not cell.strip() for cell in self.columns[name]], dtype=np.bool_)
-        domain = f" above {above:g}" * (above > -np.inf) + f" up to {at_most:g}" * (
-            at_most < np.inf
-        )
+        domain = f" above {above:g}" * (above > -LARGEST)
+        domain += f" up to {at_most:g}" * (at_most < LARGEST)
         self.refuse(~good, name, f"a finite number{domain}")
         return values
 
@@ -135,6 +134,14 @@ class TextTable:
                 f"{self.path}: line {self.lines[rows[0]]}: {name}: expected {expected}, "
                 f"got {cell.strip()[:40]!r}"
             )
+
+
+def _bounded_text(path: Path) -> str:
+    text = read_text(path, MAX_TABLE_BYTES)
+    num_rows = text.count("\n")
+    if num_rows > MAX_ROWS:
+        raise InputError(f"{path}: expected at most {MAX_ROWS} lines, got {num_rows}")
+    return text
 
 
 def _number(cell: str) -> float:

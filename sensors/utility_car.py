@@ -41,13 +41,16 @@ def twists(file: Path, stamps_ns: IntArray, speeds: FloatArray, steering: FloatA
         steering: (n,) rad.
 
     Raises:
-        InputError: no or unequal numbers of records, or a steering angle beyond 1.2 rad.
+        InputError: no or unequal numbers of records, or angles or speeds that no car has.
     Source: Guivant and Nebot 2001, eq. 20 and 21.
     """
     if not 0 < len(stamps_ns) == len(speeds) == len(steering):
         raise InputError(f"{file}: expected as many times as speeds and steering angles")
-    bad = np.flatnonzero(~(np.abs(steering) < 1.2))
+    bad = np.flatnonzero((np.abs(steering) > 1.2) | (np.abs(speeds) > 100.0))
     if len(bad):
-        raise InputError(f"{file}: expected steering within 1.2 rad, record {bad[0] + 1} has more")
+        raise InputError(
+            f"{file}: expected steering within 1.2 rad and speeds within 100 m/s, "
+            f"record {bad[0] + 1} has {steering[bad[0]]:g} and {speeds[bad[0]]:g}"
+        )
     speed = speeds / (1.0 - np.tan(steering) * ENCODER_OFFSET_M / WHEEL_BASE_M)
     return Twists(stamps_ns, speed, speed * np.tan(steering) / WHEEL_BASE_M)

@@ -14,6 +14,7 @@ from semgraph.errors import InputError
 from semgraph.landmarks import Kind, Perceptions, polar_covariances
 from sensors import utility_car
 from sensors.dead_reckoning import in_order_of_time, integrate
+from sensors.files import is_there
 from sensors.mat_files import MatArray, load_mat, numbers, vector
 from sensors.measurements import Recording, WheelOdometry
 from sensors.stamps import stamps_ns
@@ -31,6 +32,8 @@ BEARING_SIGMA = math.radians(0.17)
 DIAMETER_SIGMA_OF_LN = 0.24
 """sd(ln d) within tracks of single trees."""
 BASE_T_ANTENNA = np.array([4.1, 0.9])
+GPS_SIGMA_M = 0.35
+"""From the turns between its chords of 10 to 40 m, beside what odometry errs."""
 
 
 class VictoriaParkOptions(BaseModel, extra="forbid", frozen=True):
@@ -39,7 +42,7 @@ class VictoriaParkOptions(BaseModel, extra="forbid", frozen=True):
 
 def recognises(folder: Path) -> bool:
     """Whether Victoria Park's detections lie in the folder."""
-    return (folder / DETECTIONS_FILE).is_file()
+    return is_there(folder / DETECTIONS_FILE)
 
 
 def read(path: Path, options: VictoriaParkOptions) -> Source:  # noqa: ARG001 - every reader takes options
@@ -113,4 +116,5 @@ def _true_path(file: Path) -> TruePath:
         np.column_stack([east, north]),
         base_t_reference=BASE_T_ANTENNA,
         has_outliers=True,
+        sigma_m=GPS_SIGMA_M,
     )

@@ -18,7 +18,7 @@ from semgraph.geometry import Pose2
 from semgraph.landmarks import Kind, Perceptions, polar_covariances
 from sensors import utility_car
 from sensors.dead_reckoning import in_order_of_time
-from sensors.files import read_text
+from sensors.files import is_there, read_text
 from sensors.measurements import Recording, WheelOdometry
 from sensors.truth import Source, Truth
 
@@ -53,7 +53,7 @@ class _Graph:
 
 def recognises(folder: Path) -> bool:
     """Whether the graph's file lies in the folder."""
-    return (folder / GRAPH_FILE).is_file()
+    return is_there(folder / GRAPH_FILE)
 
 
 def gtsam_data() -> Path:

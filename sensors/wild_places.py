@@ -17,7 +17,7 @@ from semgraph.errors import InputError
 from semgraph.geometry import relative_poses
 from semgraph.landmarks import Kind, Perceptions, polar_covariances
 from sensors.dead_reckoning import chain, in_order_of_time, odometry
-from sensors.files import plain_or_gz
+from sensors.files import is_there, plain_or_gz
 from sensors.measurements import OdometryNoise, Recording
 from sensors.text_table import TextTable
 from sensors.truth import Source, TruePath, Truth
@@ -54,7 +54,7 @@ class WildPlacesOptions(BaseModel, extra="forbid", frozen=True, allow_inf_nan=Fa
 
 def recognises(folder: Path) -> bool:
     """Whether a trajectory and trees per frame lie in the folder."""
-    return (folder / TRAJECTORY_FILE).is_file() and plain_or_gz(folder / TREES_FILE).is_file()
+    return is_there(folder / TRAJECTORY_FILE) and is_there(plain_or_gz(folder / TREES_FILE))
 
 
 def read(path: Path, options: WildPlacesOptions) -> Source:

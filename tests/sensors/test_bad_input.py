@@ -186,6 +186,9 @@ def test_unreadable_files_are_refused(tmp_path: Path, fill: Callable[[Path], Non
         file.chmod(0)
         assert not reads_or_says_one_line(tmp_path)
         file.chmod(0o644)
+    tmp_path.chmod(0)
+    assert not reads_or_says_one_line(tmp_path)
+    tmp_path.chmod(0o755)
 
 
 def test_a_gzip_bomb_is_refused_before_it_expands(
@@ -210,7 +213,7 @@ def test_a_matlab_bomb_is_refused_before_it_expands(
 def test_too_many_rows_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plain(tmp_path)
     monkeypatch.setattr("sensors.text_table.MAX_ROWS", 2)
-    with pytest.raises(InputError, match="expected at most 2 rows, got 3"):
+    with pytest.raises(InputError, match="expected at most 2 lines, got 4"):
         open_source(str(tmp_path), {})
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from semgraph.errors import InputError
+from semgraph.errors import InputError, SemgraphError
 from semgraph.geometry import Pose2
 from semgraph.landmarks import Kind, Perceptions, polar_covariances
 from sensors.dead_reckoning import in_order_of_time, with_odometry_at
@@ -130,6 +130,7 @@ def truths(draw: st.DrawFn, stamps: list[int]) -> Truth:
         None if headings is None else np.array(headings),
         np.array([draw(SIGMAS), draw(SIGMAS)]),
         draw(st.booleans()),
+        draw(SIGMAS),
     )
     landmarks = TrueLandmarks(positions, np.full(n, Kind.ROCK), np.full(n, draw(SIGMAS)))
     return Truth(path, draw(st.sampled_from([landmarks, None])))
@@ -148,7 +149,7 @@ def test_what_is_written_is_read_again(source: Source) -> None:
     assert path is not None
     assert path_again is not None
     assert same(again.truth.landmarks, source.truth.landmarks)
-    for name in ("stamps_ns", "world_t_reference", "base_t_reference", "has_outliers"):
+    for name in ("stamps_ns", "world_t_reference", "base_t_reference", "has_outliers", "sigma_m"):
         assert same(getattr(path_again, name), getattr(path, name))
     assert (path_again.headings is None) == (path.headings is None)
     if path.headings is not None and path_again.headings is not None:
@@ -299,5 +300,5 @@ def test_nothing_is_left_of_a_folder_that_cannot_be_written(tmp_path: Path) -> N
         write(source, tmp_path / "copy")
     assert list(tmp_path.iterdir()) == []
     write_text(tmp_path, "file", "in the way")
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(SemgraphError, match="choose another"):
         write(source, tmp_path / "file" / "copy")
