@@ -33,41 +33,41 @@ def calibrate_footprint(scans: Sequence[LaserScan], settings: TreeSettings) -> T
         InputError: fewer than `MIN_TRUNKS` free-standing trunks between 1 and 8 m, or no width
             between 2 and 30 mrad explains them.
     """
-    excesses = np.array(
+    per_divergence = [
+        _edge_excesses(scans, settings.model_copy(update={"beam_divergence": float(divergence)}))
+        for divergence in _DIVERGENCES
+    ]
+    num_trunks = max(len(excesses) for excesses in per_divergence)
+    if num_trunks < MIN_TRUNKS:
+        raise InputError(
+            f"footprint: expected {MIN_TRUNKS} free-standing trunks from 1 to 8 m, "
+            f"got {num_trunks}; record more scans among trees"
+        )
+    means = np.array(
         [
-            _mean_edge_excess(
-                scans, settings.model_copy(update={"beam_divergence": float(divergence)})
-            )
-            for divergence in _DIVERGENCES
+            np.clip(excesses, -_MAX_EXCESS, _MAX_EXCESS).sum() / max(len(excesses), 1)
+            for excesses in per_divergence
         ]
     )
-    crossings = np.flatnonzero((excesses[:-1] < 0.0) & (excesses[1:] >= 0.0))
+    # Rising: the curvature holds the circle up while the beam that is assumed grows.
+    crossings = np.flatnonzero((means[:-1] < 0.0) & (means[1:] >= 0.0))
     if not len(crossings):
         raise InputError(
             "footprint: no beam width from 2 to 30 mrad explains the trunks in these scans; "
             "expected a scanner with a wide beam in a stand of round trunks"
         )
     k = crossings[0]
-    share = excesses[k] / (excesses[k] - excesses[k + 1])
+    share = means[k] / (means[k] - means[k + 1])
     divergence = _DIVERGENCES[k] + share * (_DIVERGENCES[k + 1] - _DIVERGENCES[k])
     return settings.model_copy(update={"beam_divergence": float(divergence)})
 
 
-def _mean_edge_excess(scans: Sequence[LaserScan], settings: TreeSettings) -> float:
-    """How much wider than fitted the trunks look, rad, on average.
-
-    Rises with the divergence that is assumed: the curvature then holds the fitted circle up.
-    """
-    excesses = np.concatenate([np.zeros(0), *(_edge_excesses(scan, settings) for scan in scans)])
-    if len(excesses) < MIN_TRUNKS:
-        raise InputError(
-            f"footprint: expected {MIN_TRUNKS} free-standing trunks from 1 to 8 m, "
-            f"got {len(excesses)}; record more scans among trees"
-        )
-    return float(np.clip(excesses, -_MAX_EXCESS, _MAX_EXCESS).mean())
+def _edge_excesses(scans: Sequence[LaserScan], settings: TreeSettings) -> FloatArray:
+    """How much wider than fitted the good free-standing trunks of all scans look, rad."""
+    return np.concatenate([np.zeros(0), *(_of_scan(scan, settings) for scan in scans)])
 
 
-def _edge_excesses(scan: LaserScan, settings: TreeSettings) -> FloatArray:
+def _of_scan(scan: LaserScan, settings: TreeSettings) -> FloatArray:
     """Apparent minus fitted width of each good free-standing trunk, rad."""
     increment = abs(scan.geometry.angle_increment)
     segments, free, diameters_m = trunk_candidates(scan, settings)
