@@ -134,7 +134,7 @@ def tree_footprint(seeds: Sequence[int]) -> list[Row]:
 
 
 def tree_reliability(seeds: Sequence[int]) -> list[Row]:
-    """Largest difference of predicted and observed, in bins of a tenth that hold 100 or more."""
+    """Largest difference of predicted and observed, in bins of a tenth that hold 300 or more."""
     trials = [
         trial
         for resolution in Resolution
@@ -146,7 +146,7 @@ def tree_reliability(seeds: Sequence[int]) -> list[Row]:
     differences = [
         abs(_mean(outcomes.reliabilities[bins == k]) - _mean(outcomes.matched[bins == k] >= 0))
         for k in range(10)
-        if (bins == k).sum() >= 100
+        if (bins == k).sum() >= 300
     ]
     worst = max(differences, default=float("nan"))
     return [Row("trees reliability, worst bin", worst, "", Better.LOWER, 0.05)]
@@ -182,20 +182,24 @@ def ray_casting_time(seeds: Sequence[int]) -> list[Row]:
 
 
 def reflectors(seeds: Sequence[int]) -> list[Row]:
-    """Wrapped posts of 6 cm among trees, within 15 m, 0.5 deg."""
-    detector = create_detector("reflectors", {"centre_offset_m": 0.03})
-    device = Lms151(Resolution.HALF_DEGREE)
-    trials = [trial for seed in seeds for trial in _reflector_trials(seed, device)]
-    outcomes = judge_detector(trials, detector, (Thing.REFLECTOR,), 0.0)
-    near = outcomes.ranges_m <= 15.0
-    seen = near & outcomes.visible
-    bearing_deg = np.degrees(_rms(outcomes.errors[seen, 1]))
-    range_mm = 1e3 * _rms(outcomes.errors[seen, 0])
-    return [
-        Row("reflectors precision", _mean(outcomes.matched[near] >= 0), "", Better.HIGHER, 0.99),
-        Row("reflectors bearing RMSE", float(bearing_deg), "deg", Better.LOWER, 0.05),
-        Row("reflectors range RMSE", range_mm, "mm", Better.LOWER, 10.0),
-    ]
+    """Wrapped posts of 6 cm before a ring of trees, within 15 m."""
+    detector = create_detector("reflectors", {"centre_offset_m": 0.03 * np.pi / 4.0})
+    rows = []
+    for resolution in Resolution:
+        trials = [t for seed in seeds for t in _reflector_trials(seed, Lms151(resolution))]
+        outcomes = judge_detector(trials, detector, (Thing.REFLECTOR,), 0.0)
+        near = outcomes.ranges_m <= 15.0
+        errors = outcomes.errors[near & outcomes.visible]
+        bearing_deg = float(np.degrees(_rms(errors[:, 1])))
+        range_mm = 1e3 * _rms(errors[:, 0])
+        name = f"reflectors {resolution.value:g} deg"
+        precision = _mean(outcomes.matched[near] >= 0)
+        rows += [
+            Row(f"{name} precision", precision, "", Better.HIGHER, 0.99),
+            Row(f"{name} bearing RMSE", bearing_deg, "deg", Better.LOWER, 0.05),
+            Row(f"{name} range RMSE", range_mm, "mm", Better.LOWER, 10.0),
+        ]
+    return rows
 
 
 def _reflector_trials(seed: int, device: Lms151) -> list[Trial]:
