@@ -170,19 +170,41 @@ class _Problem:
 
     def normal_equations(self, state: FloatArray) -> FloatArray:
         """(10, k) at (3, k) distance, bearing, radius: upper J'WJ, J'We, and chi-square."""
-        terms = self._range_terms(state) + self._edge_terms(state)
+        n, k = len(self.angles), len(self.starts)
+        # One array for all beams, then the first edges, then the last ones: one pass over it.
+        jacobian = np.empty((3, n + 2 * k))
+        residuals, information = np.empty((2, n + 2 * k))
+        halves = np.arcsin(state[2] / state[0])
+        self._put_ranges(state, halves, jacobian[:, :n], residuals[:n], information[:n])
+        self._put_edges(
+            state,
+            halves,
+            jacobian[:, n:].reshape(3, 2, k),
+            residuals[n:].reshape(2, k),
+            information[n:].reshape(2, k),
+        )
+        products = _products(jacobian, residuals, information)
+        terms = np.add.reduceat(products[:, :n], self.starts, axis=1)
+        terms += products[:, n : n + k]
+        terms += products[:, n + k :]
         mean_m, sigma_m = self.beam.radius_prior_m
         terms[5] += sigma_m**-2
         terms[8] += (mean_m - state[2]) / sigma_m**2
         return terms
 
-    def _range_terms(self, state: FloatArray) -> FloatArray:
-        """(10, k) sums over the beams, the range averaged over the lit part of each footprint.
+    def _put_ranges(
+        self,
+        state: FloatArray,
+        halves: FloatArray,
+        jacobian: FloatArray,
+        residuals: FloatArray,
+        information: FloatArray,
+    ) -> None:
+        """The ranges, each averaged over the lit part of its footprint.
 
         With t = sin(offset) distance / radius a half chord is radius sqrt(1 - t^2): its mean and
         that of its inverse, which the derivatives need, are closed integrals.
         """
-        halves = np.arcsin(state[2] / state[0])
         distances_m, bearings, radii_m, alphas = np.vstack([state, halves]).take(
             self.owners, axis=1
         )
@@ -199,45 +221,44 @@ class _Problem:
         inverse_chords = (asin[1] - asin[0]) / widths
 
         sines = np.sin(0.5 * alphas * (lit[0] + lit[1]))
-        along = distances_m * np.sqrt(1.0 - sines * sines)
+        cosines = np.sqrt(1.0 - sines * sines)
+        along = distances_m * cosines
         across = distances_m * sines
         steepness = across * inverse_chords / radii_m
         slopes = along * steepness - across
         # Toward an edge the range depends on how evenly the beam is lit.
         unlit = self.half_widths - 0.5 * alphas * widths
         blur = slopes * (_BLUR[0] * unlit + _BLUR[1] * self.half_widths)
-        jacobian = np.empty((3, len(middles)))
-        np.add(along / distances_m, steepness * sines, out=jacobian[0])
+        np.add(cosines, steepness * sines, out=jacobian[0])
         np.negative(slopes, out=jacobian[1])
         np.negative(inverse_chords, out=jacobian[2])
-        information = 1.0 / (self.beam.range_sigma_m**2 + blur * blur)
-        products = _products(jacobian, self.ranges_m - along + half_chords, information)
-        return np.add.reduceat(products, self.starts, axis=1)
+        np.add(self.ranges_m - along, half_chords, out=residuals)
+        np.divide(1.0, self.beam.range_sigma_m**2 + blur * blur, out=information)
 
-    def _edge_terms(self, state: FloatArray) -> FloatArray:
-        """(10, k) of both edges; a hidden one counts only where it would have to be seen."""
+    def _put_edges(
+        self,
+        state: FloatArray,
+        halves: FloatArray,
+        jacobian: FloatArray,
+        residuals: FloatArray,
+        information: FloatArray,
+    ) -> None:
+        """Both edges; a hidden one counts only where it would have to be seen."""
         distances_m, bearings, radii_m = state
-        k = len(radii_m)
-        sines = radii_m / distances_m
-        outward = 1.0 / np.sqrt(distances_m**2 - radii_m**2)
-        halves = np.arcsin(sines) + self.offsets
-        residuals = self.edges - bearings
-        residuals[0] += halves
-        residuals[1] -= halves
+        outward = 1.0 / np.sqrt(distances_m * distances_m - radii_m * radii_m)
+        seen = halves + self.offsets
+        np.subtract(self.edges, bearings, out=residuals)
+        residuals[0] += seen
+        residuals[1] -= seen
         needed = self.free.copy()
         needed[0] |= residuals[0] < 0.0
         needed[1] |= residuals[1] > 0.0
-        jacobian = np.ones((3, 2, k))
-        np.multiply(sines, outward, out=jacobian[0, 0])
+        np.multiply(needed, self.edge_information, out=information)
+        np.multiply(radii_m / distances_m, outward, out=jacobian[0, 0])
         np.negative(jacobian[0, 0], out=jacobian[0, 1])
+        jacobian[1] = 1.0
         np.negative(outward, out=jacobian[2, 0])
         jacobian[2, 1] = outward
-        products = _products(
-            jacobian.reshape(3, 2 * k),
-            residuals.ravel(),
-            np.where(needed.ravel(), self.edge_information, 0.0),
-        )
-        return products[:, :k] + products[:, k:]
 
 
 def _products(jacobian: FloatArray, residuals: FloatArray, information: FloatArray) -> FloatArray:
