@@ -32,7 +32,7 @@ class ReflectorSettings(BaseModel):
     centre_offset_m: float = Field(
         default=0.0,
         ge=0.0,
-        description="surface to centre: the radius of a wrapped pole, 0 for flat tape",
+        description="seen face to centre: pi/4 of a wrapped pole's radius, 0 for flat tape",
     )
     max_range_step_m: float = Field(
         default=0.5, gt=0.0, description="a larger step parts two markers"

@@ -108,7 +108,7 @@ FOREST = StandSettings()
 PARKLAND = StandSettings(
     stems_per_ha=50.0,
     median_diameter_m=0.4,
-    diameter_limits_m=(0.15, 0.8),
+    diameter_limits_m=(0.15, 0.7),
     saplings_per_stem=0.1,
     clumps_per_stem=0.1,
 )

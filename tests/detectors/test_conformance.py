@@ -24,13 +24,21 @@ def _scan(ranges_m: FloatArray, intensities: FloatArray | None = None) -> LaserS
     return LaserScan(STAMP_NS, GEOMETRY, ranges_m, bright)
 
 
-def _posts(rng: np.random.Generator, num_posts: int = 5) -> LaserScan:
-    """Bright posts, 3 beams wide, well apart, on a field without returns."""
+def _posts(rng: np.random.Generator, num_posts: int = 5) -> tuple[LaserScan, FloatArray]:
+    """Bright posts of 0.1 m, well apart, nothing behind; and (n, 2) their true range, bearing."""
+    angles = GEOMETRY.angle_min + GEOMETRY.angle_increment * np.arange(NUM_BEAMS)
     ranges_m = np.full(NUM_BEAMS, np.inf)
-    for middle in rng.choice(np.arange(8, NUM_BEAMS - 8, 12), num_posts, replace=False):
-        distance = rng.uniform(2.0, 9.0)
-        ranges_m[middle - 1 : middle + 2] = distance + np.array([0.01, 0.0, 0.012])
-    return _scan(ranges_m, np.where(np.isfinite(ranges_m), 254.0, 0.0))
+    slots = rng.choice(np.arange(10, NUM_BEAMS - 10, 16), num_posts, replace=False)
+    bearings = np.sort(angles[slots] + rng.uniform(-0.004, 0.004, num_posts))
+    distances_m = rng.uniform(2.0, 3.0, num_posts)
+    for distance_m, bearing in zip(distances_m, bearings, strict=True):
+        across_m = np.abs(angles - bearing) * distance_m
+        # A beam 15 mrad + 8 mm wide also returns from posts that its middle misses.
+        lit = across_m < 0.05 + 0.9 * 0.5 * (0.015 * distance_m + 0.008)
+        depths_m = np.sqrt(0.05**2 - np.minimum(across_m[lit], 0.045) ** 2)
+        ranges_m[lit] = distance_m - depths_m
+    scan = _scan(ranges_m, np.where(np.isfinite(ranges_m), 254.0, 0.0))
+    return scan, np.column_stack([distances_m, bearings])
 
 
 def _same(a: Perceptions, b: Perceptions) -> None:
@@ -74,20 +82,17 @@ def test_clutter_does_not_break_it(name: str, seed: int) -> None:
 @every_detector
 @pytest.mark.parametrize("seed", range(10))
 def test_posts_are_found_once_each_where_they_stand(name: str, seed: int) -> None:
-    scan = _posts(np.random.default_rng(seed))
+    scan, true_posts = _posts(np.random.default_rng(seed))
     perceptions = create_detector(name, {}).detect(scan)
-    hits = np.flatnonzero(np.isfinite(scan.ranges_m))[1::3]
-    true_bearings = GEOMETRY.angle_min + hits * GEOMETRY.angle_increment
-    assert len(perceptions) == len(hits)
-    order = np.argsort(perceptions.bearings)
-    np.testing.assert_allclose(perceptions.bearings[order], true_bearings, atol=0.01)
-    np.testing.assert_allclose(perceptions.ranges_m[order], scan.ranges_m[hits], atol=0.35)
+    assert len(perceptions) == len(true_posts)
+    np.testing.assert_allclose(perceptions.bearings, true_posts[:, 1], atol=0.006)
+    np.testing.assert_allclose(perceptions.ranges_m, true_posts[:, 0], atol=0.06)
 
 
 @every_detector
 @pytest.mark.parametrize("seed", range(10))
 def test_a_mirrored_scan_gives_mirrored_perceptions(name: str, seed: int) -> None:
-    scan = _posts(np.random.default_rng(seed))
+    scan, _ = _posts(np.random.default_rng(seed))
     assert scan.intensities is not None
     detector = create_detector(name, {})
     there = detector.detect(scan)
@@ -101,7 +106,7 @@ def test_a_mirrored_scan_gives_mirrored_perceptions(name: str, seed: int) -> Non
 @every_detector
 @pytest.mark.parametrize("turn", [0.3, -1.2, np.pi])
 def test_turning_the_field_turns_the_bearings(name: str, turn: float) -> None:
-    scan = _posts(np.random.default_rng(3))
+    scan, _ = _posts(np.random.default_rng(3))
     geometry = ScannerGeometry(GEOMETRY.angle_min + turn, GEOMETRY.angle_increment, 0.1, 60.0)
     turned = LaserScan(STAMP_NS, geometry, scan.ranges_m, scan.intensities)
     detector = create_detector(name, {})
@@ -112,7 +117,7 @@ def test_turning_the_field_turns_the_bearings(name: str, turn: float) -> None:
 
 @every_detector
 def test_the_scan_is_left_as_it_was(name: str) -> None:
-    scan = _posts(np.random.default_rng(4))
+    scan, _ = _posts(np.random.default_rng(4))
     before = scan.ranges_m.copy()
     create_detector(name, {}).detect(scan)
     np.testing.assert_array_equal(scan.ranges_m, before)
