@@ -121,7 +121,9 @@ class ReflectorDetector:
 
     def _bearing_sigmas(self, ranges_m: FloatArray, increment: float) -> FloatArray:
         """Beam spacing, and a hit that may lie anywhere on the marker's face: both uniform."""
-        return np.hypot(increment, self._settings.marker_width_m / ranges_m) / math.sqrt(12.0)
+        return np.asarray(
+            np.hypot(increment, self._settings.marker_width_m / ranges_m) / math.sqrt(12.0)
+        )
 
 
 def _markers(

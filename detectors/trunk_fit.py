@@ -49,7 +49,7 @@ def edge_offsets(ranges_m: FloatArray, beam: TreeSettings) -> FloatArray:
     """
     growing = np.minimum(beam.edge_share_per_m2 * ranges_m**2, beam.edge_share_max)
     shares = np.maximum(beam.edge_share, growing)
-    return beam_widths(ranges_m, beam) * (1.0 - 2.0 * shares)
+    return np.asarray(beam_widths(ranges_m, beam) * (1.0 - 2.0 * shares))
 
 
 def apparent_diameters(segments: Segments, increment: float, beam: TreeSettings) -> FloatArray:

@@ -25,7 +25,8 @@ _LEAST_RANGE_M: Final = 1e-3
 class Sighting:
     """One bearing-range factor: pose `pose` saw landmark `landmark`.
 
-    `covariance` (2, 2) is of (range, bearing). `landmark` changes when landmarks are merged.
+    `covariance` (2, 2) is of (range, bearing). `landmark` changes when landmarks are merged,
+    `slot` is the factor's place in iSAM2.
     """
 
     pose: int
@@ -33,7 +34,7 @@ class Sighting:
     range_m: float
     bearing: float
     covariance: FloatArray
-    _slot: int = field(default=-1, init=False)
+    slot: int = field(default=-1, init=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +138,7 @@ class FactorGraph:
         if self._new_sightings and any(s.landmark == gone for _, s in self._new_sightings):
             raise GraphError(f"landmark {gone}: update the graph before it is merged")
         for sighting in self._sightings.pop(gone):
-            self._removed_slots.append(sighting._slot)
+            self._removed_slots.append(sighting.slot)
             sighting.landmark = kept
             self._sightings[kept].append(sighting)
             self._queue(sighting)
@@ -163,7 +164,7 @@ class FactorGraph:
             )
             slots = list(result.getNewFactorsIndices())
             for position, sighting in self._new_sightings:
-                sighting._slot = int(slots[position])
+                sighting.slot = int(slots[position])
             self._estimate = self._isam.calculateEstimate()
         except (RuntimeError, ValueError, IndexError) as error:
             self._incidents.append(f"update failed, graph rebuilt: {_first_line(error)}")
@@ -249,7 +250,7 @@ class FactorGraph:
             raise GraphError(f"the graph cannot be solved: {_first_line(error)}") from error
         first = 1 + len(self._odometry)
         for position, sighting in enumerate(sightings):
-            sighting._slot = first + position
+            sighting.slot = first + position
         self._isam = isam
 
     def _guesses(self) -> gtsam.Values:

@@ -62,6 +62,7 @@ _ENTRIES = {
     "mrclam": _Entry("sensors.mrclam", "MrclamOptions"),
     "wild-places": _Entry("sensors.wild_places", "WildPlacesOptions"),
     "plain": _Entry("sensors.plain_folder", "PlainOptions"),
+    "course": _Entry("sensors.simulation.course", "CourseOptions", str),
 }
 _FOLDER_PLACES = (_folder, _gtsam_data)
 

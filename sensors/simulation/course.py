@@ -53,12 +53,14 @@ class _Stand:
     diameters_m: FloatArray
 
 
-def read(options: CourseOptions) -> Source:
+def read(name: str, options: CourseOptions) -> Source:
     """The course of these options with its truth; the same seed gives the same course.
 
     Raises:
-        InputError: the trees do not fit into the band around the track.
+        InputError: no such course, or the trees do not fit into the band around the track.
     """
+    if name != "paper":
+        raise InputError(f"course: expected paper, got {name!r}; try course:paper")
     rng = np.random.default_rng(options.seed)
     stand = _plant(options, rng)
     stamps_ns, poses = _drive(options)
@@ -72,7 +74,7 @@ def read(options: CourseOptions) -> Source:
         measurements.append(perceptions)
         associations[stamp_ns] = rows
     recording = Recording(
-        name="course:paper",
+        name=f"course:{name}",
         measurements=tuple(measurements),
         num_scans=len(stamps_ns),
         odometry_noise=OdometryNoise() if options.odometry else None,
@@ -87,7 +89,7 @@ def read(options: CourseOptions) -> Source:
 
 def _plant(options: CourseOptions, rng: np.random.Generator) -> _Stand:
     """Trees evenly in the band around the track, apart from each other, the track kept free."""
-    trees = np.zeros((0, 2))
+    trees: FloatArray = np.zeros((0, 2))
     for _ in range(200):
         missing = options.num_trees - len(trees)
         if missing == 0:
@@ -205,5 +207,4 @@ def _is_hidden(ranges_m: FloatArray, bearings: FloatArray, diameters_m: FloatArr
     half_widths = np.arcsin(np.minimum(0.5 * diameters_m / np.maximum(ranges_m, 1e-6), 1.0))
     apart = np.abs(wrap_angle(bearings[:, None] - bearings[None, :]))
     covers = (apart < half_widths[None, :]) & (ranges_m[None, :] < ranges_m[:, None])
-    hidden: BoolArray = covers.any(axis=1)
-    return hidden
+    return np.asarray(covers.any(axis=1))

@@ -233,7 +233,9 @@ class Lms151:
         return echoes
 
     def _signal_needed(self, ranges_m: FloatArray) -> FloatArray:
-        return np.maximum(self.min_signal, 0.1 * (ranges_m / self.range_at_ten_percent_m) ** 2)
+        return np.asarray(
+            np.maximum(self.min_signal, 0.1 * (ranges_m / self.range_at_ten_percent_m) ** 2)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
