@@ -50,22 +50,23 @@ def judge(result: RunResult, truth: Truth) -> tuple[Metric, ...]:
     if truth.path is not None:
         metrics += _of_trajectory(result.smoothed, truth.path, "")
         metrics += _of_trajectory(result.fast, truth.path, "fast_")
-    world_T_map = path_alignment(result, truth)
+    world_T_map = path_alignment(result.smoothed, truth)
     matched = compare_map(result.landmarks, truth, world_T_map)
     metrics += _of_map(result, matched)
     if matched is not None and world_T_map is not None and len(matched.map_rows):
         metrics.append(_metres("map_rmse_path_aligned_m", rmse(matched.path_errors)))
+    metrics += _of_fast_map(result, truth)
     if truth.path is not None:
         metrics += _of_consistency(result, truth, truth.path, matched)
     metrics += _of_run(result)
     return tuple(metric for metric in metrics if np.isfinite(metric.value))
 
 
-def path_alignment(result: RunResult, truth: Truth) -> Pose2 | None:
-    """world_T_map that lays the smoothed path onto the true one; None where they never meet."""
+def path_alignment(estimate: Trajectory, truth: Truth) -> Pose2 | None:
+    """world_T_map that lays an estimated path onto the true one; None where they never meet."""
     if truth.path is None:
         return None
-    errors = compare_path(result.smoothed, truth.path)
+    errors = compare_path(estimate, truth.path)
     return None if errors is None else errors.world_T_map
 
 
@@ -126,6 +127,12 @@ def _of_map(result: RunResult, matched: MapErrors | None) -> Iterator[Metric]:
         yield _count("landmarks_duplicate", len(matched.duplicates), Direction.LOWER)
     num_suspected = len(suspected_duplicates(result.landmarks))
     yield _count("landmarks_suspected_duplicate", num_suspected, Direction.LOWER)
+
+
+def _of_fast_map(result: RunResult, truth: Truth) -> Iterator[Metric]:
+    matched = compare_map(result.fast_landmarks, truth, path_alignment(result.fast, truth))
+    if matched is not None and len(matched.map_rows) >= 2:
+        yield _metres("fast_map_rmse_m", rmse(matched.errors))
 
 
 def _of_consistency(

@@ -12,9 +12,10 @@ from semgraph.factor_graph import FactorGraph
 from semgraph.landmarks import Kind, Perceptions, SemanticObject, semantic_object
 from semgraph.measurement_model import CHI2_2DOF_999
 
-_MAX_OLD: Final = 30
+_MAX_OLD: Final = 20
 _MAX_REACH_M: Final = 40.0
-_LEAST_REACH_M: Final = 1.0
+_LEAST_REACH_M: Final = 2.0
+_DUPLICATES_WITHIN_M: Final = 3.0
 _SURROUNDINGS_M: Final = 20.0
 # How many of a place's landmarks escaped notice at the first pass.
 _UNMAPPED: Final = 0.1
@@ -135,16 +136,15 @@ def _candidates(
         return []
     positions = np.array([estimate[landmark] for landmark in others])
     seen = np.array([estimate[landmark] for landmark in recent])
-    reaches = np.array([_reach(graph.landmark_covariance([landmark])) for landmark in recent])
-    distances = np.linalg.norm(positions[:, None] - seen[None], axis=2)
-    excess = (distances / reaches).min(axis=1)
-    order = np.argsort(excess, kind="stable")[:_MAX_OLD]
-    return [others[k] for k in order if excess[k] <= 1.0]
+    distances = np.linalg.norm(positions[:, None] - seen[None], axis=2).min(axis=1)
+    reach_m = _reach(graph.pose_covariance(graph.num_poses - 1))
+    order = np.argsort(distances, kind="stable")[:_MAX_OLD]
+    return [others[k] for k in order if distances[k] <= reach_m]
 
 
 def _reach(covariance: FloatArray) -> float:
-    """How far a landmark of this covariance may be from its other self, at 99.9 %."""
-    largest = float(np.linalg.eigvalsh(covariance)[-1])
+    """How far what is seen from a pose of this covariance may be from its other self, at 99.9 %."""
+    largest = float(np.linalg.eigvalsh(covariance[:2, :2])[-1])
     return float(np.clip((2.0 * CHI2_2DOF_999 * largest) ** 0.5, _LEAST_REACH_M, _MAX_REACH_M))
 
 
@@ -157,17 +157,21 @@ def _density(estimate: dict[int, FloatArray], recent: Sequence[int]) -> float:
 
 
 def duplicates(
-    graph: FactorGraph, landmarks: dict[int, GraphLandmark], least_log_odds: float
+    graph: FactorGraph,
+    landmarks: dict[int, GraphLandmark],
+    confirmed: Sequence[int],
+    least_log_odds: float,
 ) -> list[Closure]:
-    """Pairs of landmarks anywhere in the map that are one object, each landmark at most once."""
+    """Pairs of confirmed landmarks anywhere that are one object, each landmark at most once."""
     from scipy.spatial import KDTree
 
-    estimate = graph.estimate().map_t_landmarks
+    everything = graph.estimate().map_t_landmarks
+    estimate = {landmark: everything[landmark] for landmark in confirmed}
     if len(estimate) < 2:
         return []
     ids = list(estimate)
     pairs = KDTree(np.array(list(estimate.values()))).query_pairs(
-        _LEAST_REACH_M * 3.0, output_type="ndarray"
+        _DUPLICATES_WITHIN_M, output_type="ndarray"
     )
     found: list[Closure] = []
     for recent, old in ((ids[max(pair)], ids[min(pair)]) for pair in pairs.tolist()):

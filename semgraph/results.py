@@ -28,6 +28,7 @@ TRAJECTORY_FAST_TUM = "trajectory_fast.tum"
 TRAJECTORY_COVARIANCE_CSV = "trajectory_covariance.csv"
 MAP_JSON = "map.json"
 MAP_CSV = "map.csv"
+MAP_FAST_JSON = "map_fast.json"
 SETTINGS_TOML = "settings.toml"
 EVENTS_LOG = "events.log"
 
@@ -51,6 +52,7 @@ class RunResult:
         num_scans: how many scans or perceptions were taken in.
         events: decisions worth telling (loop closures, rebuilds), each made one line.
         settings: the effective ones, nested, as TOML can hold them.
+        fast_landmarks: the fast estimator's own map.
 
     Raises:
         InputError: shapes disagree, or a value is out of its domain.
@@ -66,6 +68,7 @@ class RunResult:
     num_scans: int
     events: tuple[str, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
+    fast_landmarks: tuple[Landmark, ...] = ()
 
     def __post_init__(self) -> None:
         covariances = _frozen_covariances(self.smoothed_covariances, len(self.smoothed))
@@ -119,6 +122,7 @@ def write_files(result: RunResult, folder: Path) -> None:
     write_tum(folder / TRAJECTORY_FAST_TUM, result.fast)
     write_map_json(folder / MAP_JSON, result.landmarks)
     write_map_csv(folder / MAP_CSV, result.landmarks)
+    write_map_json(folder / MAP_FAST_JSON, result.fast_landmarks)
     write_text(folder / SETTINGS_TOML, _settings_text(result.settings))
     write_text(folder / EVENTS_LOG, "".join(f"{event}\n" for event in result.events))
     run = _Run(
@@ -166,6 +170,7 @@ def read(folder: Path) -> RunResult:
             num_scans=run.num_scans,
             events=tuple(read_text(folder / EVENTS_LOG).splitlines()),
             settings=read_toml(folder / SETTINGS_TOML),
+            fast_landmarks=read_map_json(folder / MAP_FAST_JSON),
         )
     except InputError as error:
         raise InputError(error if str(folder) in str(error) else f"{folder}: {error}") from error

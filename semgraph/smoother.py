@@ -98,9 +98,8 @@ class Smoother:
         """The batch optimum, with duplicates that only the whole run reveals made one."""
         self._update()
         self._graph.polish()
-        while closures := duplicates(
-            self._graph, self._landmarks, float(np.log(self._settings.duplicate_odds))
-        ):
+        odds = float(np.log(self._settings.duplicate_odds))
+        while closures := duplicates(self._graph, self._landmarks, self._confirmed(), odds):
             self._close(closures)
             self._graph.polish()
 
@@ -134,9 +133,15 @@ class Smoother:
                 len(self._graph.sightings(landmark)),
                 1.0 - known.unreliability,
             )
-            for landmark, known in self._landmarks.items()
-            if known.num_sightings >= self._settings.min_sightings
+            for landmark, known in ((each, self._landmarks[each]) for each in self._confirmed())
         )
+
+    def _confirmed(self) -> list[int]:
+        """The landmarks sighted often enough to be believed."""
+        least = self._settings.min_sightings
+        return [
+            landmark for landmark, known in self._landmarks.items() if known.num_sightings >= least
+        ]
 
     def _move(self, step: FastStep, *, has_perceptions: bool) -> None:
         """A new pose for a scan that perceives something; others hang on the last pose."""

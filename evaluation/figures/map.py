@@ -59,12 +59,12 @@ def draw_map(result: RunResult, truth: Truth, path: Path) -> None:
     Raises:
         SemgraphError: the file cannot be written.
     """
-    matched = compare_map(result.landmarks, truth, path_alignment(result, truth))
+    matched = compare_map(result.landmarks, truth, path_alignment(result.smoothed, truth))
     map_T_world = _map_T_world(result, truth, matched)
     lines = _trajectories(result, truth, map_T_world)
     true_landmarks = np.empty((0, 2))
     if truth.landmarks is not None:
-        true_landmarks = map_T_world.transform(truth.landmarks.world_t_landmarks)
+        true_landmarks: FloatArray = map_T_world.transform(truth.landmarks.world_t_landmarks)
     positions = _positions(result.landmarks)
     low, high = _extent([positions, true_landmarks, *(line for line, _, _ in lines)])
     figure, axes = _map_axes(low, high)
@@ -78,7 +78,7 @@ def draw_map(result: RunResult, truth: Truth, path: Path) -> None:
 
 
 def _map_T_world(result: RunResult, truth: Truth, matched: MapErrors | None) -> Pose2:
-    world_T_map = path_alignment(result, truth)
+    world_T_map = path_alignment(result.smoothed, truth)
     if world_T_map is None and matched is not None:
         world_T_map = matched.world_T_map
     return Pose2() if world_T_map is None else world_T_map.inverse()

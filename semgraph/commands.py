@@ -1,0 +1,130 @@
+"""What the commands do: the file that brings sources, detectors, pipeline and judge together."""
+
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final
+
+from rich.console import Console
+from rich.table import Table
+
+from detectors.catalog import create_detector, detector_settings
+from detectors.detector import Detector
+from evaluation.metrics import Metric
+from evaluation.report import evaluate_folder, table_rows
+from evaluation.truth_files import write_truth
+from semgraph import pipeline, results, staging, viewer
+from semgraph.progress import progress
+from semgraph.settings import Settings, load_settings
+from sensors.catalog import open_source, source_options
+from sensors.measurements import Recording
+
+DEMO_SOURCE: Final = "course:paper"
+RESULTS: Final = Path("results")
+RUN_RRD: Final = "run.rrd"
+
+
+def run(
+    source: str, output: Path | None, settings_file: Path | None, assignments: Sequence[str]
+) -> None:
+    """Runs a source, writes its results, and prints what came out.
+
+    Raises:
+        SemgraphError: anything that a user can put right.
+    """
+    console = Console(soft_wrap=True)
+    settings = load_settings(settings_file, assignments)
+    with console.status(f"reading {source}"):
+        opened = open_source(source, settings.source)
+    folder = output or staging.new_results_folder(RESULTS, datetime.now().astimezone())
+    detector, effective = _effective(source, opened.recording, settings)
+    with results.staged_results(folder) as staged:
+        recording = opened.recording
+        with progress(console, recording.name, recording.num_scans) as report:
+            result = pipeline.run(recording, settings, detector, report, effective)
+        results.write_files(result, staged)
+        write_truth(staged, opened.truth)
+        viewer.write_recording(result, staged / RUN_RRD)
+        metrics = evaluate_folder(staged)
+    unlinked = staging.point_latest(folder) if output is None else None
+    _print_comparison(console, metrics)
+    _print_next(console, folder, unlinked)
+
+
+def demo(output: Path | None) -> None:
+    """The paper's simulated course, end to end."""
+    run(DEMO_SOURCE, output, None, [])
+
+
+def evaluate(folder: Path) -> None:
+    """Prints and writes the metrics of a run again, from its files."""
+    console = Console(soft_wrap=True)
+    with console.status(f"judging {folder}"):
+        metrics = evaluate_folder(folder)
+    table = Table("metric", "value", "unit", "better")
+    for row in table_rows(metrics):
+        table.add_row(*row)
+    console.print(table)
+
+
+def view(folder: Path) -> None:
+    """Opens a run in Rerun."""
+    viewer.open_viewer(folder / RUN_RRD)
+
+
+def _effective(
+    source: str, recording: Recording, settings: Settings
+) -> tuple[Detector | None, dict[str, Any]]:
+    """The detector of a recording, and all settings as they hold, defaults included."""
+    effective = settings.model_dump(mode="json")
+    options = source_options(source).model_validate(settings.source)
+    effective["source"] = options.model_dump(mode="json", exclude_none=True)
+    if not recording.detector:
+        return None, effective
+    chosen = {**recording.detector_settings, **settings.detector}
+    detector = create_detector(recording.detector, chosen)
+    complete = detector_settings(recording.detector).model_validate(chosen)
+    effective["detector"] = complete.model_dump(mode="json", exclude_none=True)
+    return detector, effective
+
+
+_COMPARED: Final = (
+    ("trajectory, rigidly aligned, RMSE", "trajectory_rmse_m"),
+    ("trajectory, rigidly aligned, median", "trajectory_median_m"),
+    ("trajectory as it is, RMSE", "trajectory_rmse_unaligned_m"),
+    ("map, RMSE", "map_rmse_m"),
+)
+
+
+def _print_comparison(console: Console, metrics: Sequence[Metric]) -> None:
+    """One table: the fast estimator and the graph side by side."""
+    values = {metric.name: metric.value for metric in metrics}
+    table = Table("error in m", "fast", "smoothed")
+    for label, name in _COMPARED:
+        if name in values:
+            fast = values.get(f"fast_{name}")
+            table.add_row(label, "" if fast is None else f"{fast:.3f}", f"{values[name]:.3f}")
+    if table.row_count:
+        console.print(table)
+    else:
+        console.print("no truth to compare with: see the map")
+    counts = [
+        f"{values[name]:.0f} {label}"
+        for label, name in (
+            ("landmarks", "landmarks_confirmed"),
+            ("missed", "landmarks_missed"),
+            ("twice", "landmarks_duplicate"),
+            ("loop closures", "num_loop_closures"),
+        )
+        if name in values
+    ]
+    console.print(", ".join(counts))
+
+
+def _print_next(console: Console, folder: Path, unlinked: str | None) -> None:
+    if unlinked is not None:
+        console.print(f"results/latest could not be set: {unlinked}")
+    console.print(f"results: {folder}")
+    console.print(f"look at: {folder / 'map.png'} and {folder / 'errors.png'}")
+    console.print(f"next:    semgraph view {folder}    semgraph evaluate {folder}")
+    console.print("         semgraph run FOLDER, a recording of your own (README: your own data)")

@@ -1,0 +1,92 @@
+"""All settings of a run: defaults that work < file < flags; unknown names are refused."""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from semgraph.errors import SettingsError, known_names
+from semgraph.fast_estimator import FastSettings
+from semgraph.smoother import SmootherSettings
+
+
+class TrackerSettings(FastSettings):
+    """Settings of the tracker that feeds the graph: a fast estimator with a short memory."""
+
+    memory_m: float = Field(20.0, gt=0.0)
+
+
+class Settings(BaseModel):
+    """The sections of a settings file.
+
+    `source` holds the options of the source, `detector` the settings of its detector; both are
+    checked where they are used.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    source: dict[str, Any] = Field(default_factory=dict)
+    detector: dict[str, Any] = Field(default_factory=dict)
+    fast: FastSettings = FastSettings()
+    tracker: TrackerSettings = TrackerSettings()
+    smoother: SmootherSettings = SmootherSettings()
+
+
+def load_settings(file: Path | None, assignments: Sequence[str]) -> Settings:
+    """The effective settings of a TOML file and `key=value` flags.
+
+    Args:
+        file: sections as in `Settings`, or None.
+        assignments: `fast.search_radius_m=0.8`; a key without a section belongs to the source.
+
+    Raises:
+        SettingsError: the file cannot be read, or a name or value is not known.
+    """
+    tables = _read(file) if file is not None else {}
+    for assignment in assignments:
+        key, separator, value = assignment.partition("=")
+        if not separator or not key:
+            raise SettingsError(f"--set {assignment}: expected key=value")
+        section, _, name = key.rpartition(".")
+        table = tables.setdefault(section or "source", {})
+        if not isinstance(table, dict):
+            raise SettingsError(f"--set {assignment}: {section} is no section")
+        table[name] = value
+    return _validated(tables, str(file) if file is not None else "--set")
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        if file.stat().st_size > 2**20:
+            raise SettingsError(f"{file}: expected settings of at most 1 MiB")
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise SettingsError(f"{file}: expected a TOML file: {error}") from error
+
+
+def _validated(tables: Mapping[str, Any], where: str) -> Settings:
+    try:
+        return Settings.model_validate(tables)
+    except ValidationError as error:
+        first = error.errors()[0]
+        path = [str(part) for part in first["loc"]]
+        if first["type"] == "extra_forbidden":
+            known = _known(path[:-1])
+            raise SettingsError(
+                f"{where}: unknown setting {'.'.join(path)}, {known_names(path[-1], known)}"
+            ) from error
+        raise SettingsError(
+            f"{where}: {'.'.join(path)}: {first['msg']}, got {first['input']!r}"
+        ) from error
+
+
+def _known(sections: Sequence[str]) -> list[str]:
+    """The names that a section, or the file, may hold."""
+    if not sections:
+        return list(Settings.model_fields)
+    annotation = Settings.model_fields[sections[0]].annotation
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return list(annotation.model_fields)
+    return []
