@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from semgraph.arrays import FloatArray
+from semgraph.arrays import BoolArray, FloatArray
 from semgraph.association import associate
 from semgraph.factor_graph import FactorGraph
 from semgraph.landmarks import Kind, Perceptions, SemanticObject, semantic_object
@@ -112,14 +112,27 @@ def find_closures(
     concerned = [a for a, row in zip(recent, allowed, strict=True) if row.any()]
     old = [b for b, column in zip(old, allowed.T, strict=True) if column.any()]
     allowed = np.array([[landmarks[a].may_be(landmarks[b]) for b in old] for a in concerned])
+    return _closures(graph, estimate, concerned, old, allowed, least_log_odds)
+
+
+def _closures(
+    graph: FactorGraph,
+    estimate: dict[int, FloatArray],
+    recent: Sequence[int],
+    old: Sequence[int],
+    allowed: BoolArray | None,
+    least_log_odds: float,
+) -> list[Closure]:
+    """The pairs of both sides that are sure enough; `allowed` None allows every pair."""
+    differences = np.array([[estimate[a] - estimate[b] for b in old] for a in recent])
     pairs = associate(
-        np.array([[estimate[a] - estimate[b] for b in old] for a in concerned]),
-        graph.landmark_covariance([*concerned, *old]),
-        allowed,
+        differences,
+        graph.landmark_covariance([*recent, *old]),
+        np.ones(differences.shape[:2], dtype=np.bool_) if allowed is None else allowed,
         _density(estimate, recent),
     )
     return [
-        Closure(concerned[pair.recent], old[pair.old], pair.log_odds)
+        Closure(recent[pair.recent], old[pair.old], pair.log_odds)
         for pair in pairs
         if pair.log_odds >= least_log_odds
     ]
@@ -157,34 +170,25 @@ def _density(estimate: dict[int, FloatArray], recent: Sequence[int]) -> float:
 
 
 def duplicates(
-    graph: FactorGraph,
-    landmarks: dict[int, GraphLandmark],
-    confirmed: Sequence[int],
-    least_log_odds: float,
+    graph: FactorGraph, landmarks: dict[int, GraphLandmark], least_log_odds: float
 ) -> list[Closure]:
-    """Pairs of confirmed landmarks anywhere that are one object, each landmark at most once."""
+    """Pairs of landmarks anywhere that are one object, each landmark at most once."""
     from scipy.spatial import KDTree
 
-    everything = graph.estimate().map_t_landmarks
-    estimate = {landmark: everything[landmark] for landmark in confirmed}
+    estimate = graph.estimate().map_t_landmarks
     if len(estimate) < 2:
         return []
     ids = list(estimate)
-    pairs = KDTree(np.array(list(estimate.values()))).query_pairs(
-        _DUPLICATES_WITHIN_M, output_type="ndarray"
-    )
+    tree = KDTree(np.array(list(estimate.values())))
     found: list[Closure] = []
-    for recent, old in ((ids[max(pair)], ids[min(pair)]) for pair in pairs.tolist()):
-        if not landmarks[recent].may_be(landmarks[old]):
-            continue
-        matched = associate(
-            (estimate[recent] - estimate[old])[None, None],
-            graph.landmark_covariance([recent, old]),
-            np.ones((1, 1), dtype=np.bool_),
-            _density(estimate, [recent]),
-        )
-        found.extend(Closure(recent, old, pair.log_odds) for pair in matched)
-    return _disjoint([closure for closure in found if closure.log_odds >= least_log_odds])
+    for recent, rows in zip(
+        ids, tree.query_ball_point(tree.data, _DUPLICATES_WITHIN_M), strict=True
+    ):
+        near = [ids[row] for row in rows if ids[row] < recent]
+        old = [landmark for landmark in near if landmarks[recent].may_be(landmarks[landmark])]
+        if old:
+            found.extend(_closures(graph, estimate, [recent], old, None, least_log_odds))
+    return _disjoint(found)
 
 
 def _disjoint(closures: list[Closure]) -> list[Closure]:

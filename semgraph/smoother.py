@@ -36,7 +36,6 @@ class SmootherSettings(BaseModel):
 
 # Fewer scans without a sighting are an interruption, not a loop.
 _LOOP_SCANS: Final = 100
-_STANDING: Final = UncertainPose2(Pose2(), np.zeros((3, 3)))
 
 
 @dataclass(slots=True)
@@ -54,15 +53,6 @@ class _Track:
         return self.known.num_sightings > 1.3 * self.tested
 
 
-@dataclass(slots=True)
-class _Scan:
-    """Where a scan hangs: at a pose of the graph, `pose_T_scan` after it."""
-
-    stamp_ns: int
-    pose: int
-    pose_T_scan: Pose2
-
-
 class Smoother:
     """Builds the graph scan by scan."""
 
@@ -73,8 +63,7 @@ class Smoother:
         self._landmarks: dict[int, GraphLandmark] = {}
         self._tracks: dict[int, _Track] = {}
         self._by_identity: dict[tuple[Kind, str], int] = {}
-        self._scans: list[_Scan] = []
-        self._motion = _STANDING
+        self._stamps_ns: list[int] = []
         self._next_landmark = 0
         self._last_fast: Pose2 | None = None
         self._guess = map_T_start
@@ -87,11 +76,11 @@ class Smoother:
 
     def add(self, step: FastStep, perceptions: Perceptions) -> None:
         """Takes in one scan of the fast estimator."""
-        self._move(step, has_perceptions=len(perceptions) > 0)
-        scan = len(self._scans) - 1
+        self._move(step)
+        scan = len(self._stamps_ns) - 1
         for row in np.flatnonzero(step.landmark_ids >= 0).tolist():
             self._sight(scan, int(step.landmark_ids[row]), perceptions, row)
-        if len(self._scans) % self._settings.update_every_scans == 0:
+        if len(self._stamps_ns) % self._settings.update_every_scans == 0:
             self._update()
 
     def finish(self) -> None:
@@ -99,28 +88,20 @@ class Smoother:
         self._update()
         self._graph.polish()
         odds = float(np.log(self._settings.duplicate_odds))
-        while closures := duplicates(self._graph, self._landmarks, self._confirmed(), odds):
+        while closures := duplicates(self._graph, self._landmarks, odds):
             self._close(closures)
             self._graph.polish()
 
     def trajectory(self) -> Trajectory:
         """The smoothed pose of each scan."""
-        poses = self._graph.estimate().map_T_bases
-        rows = [
-            (Pose2.from_array(poses[scan.pose]) @ scan.pose_T_scan).as_array()
-            for scan in self._scans
-        ]
-        stamps_ns = np.array([scan.stamp_ns for scan in self._scans], dtype=np.int64)
-        return Trajectory(stamps_ns, np.array(rows).reshape(-1, 3))
+        poses = self._graph.estimate().map_T_bases[1:]
+        return Trajectory(np.array(self._stamps_ns, dtype=np.int64), poses)
 
     def covariances(self) -> FloatArray:
         """(n, 3, 3) of the trajectory's poses, each in its own frame."""
-        of_pose = {scan.pose: self._graph.pose_covariance(scan.pose) for scan in self._scans}
-        adjoints = [scan.pose_T_scan.inverse().adjoint() for scan in self._scans]
-        rows = [
-            Ad @ of_pose[scan.pose] @ Ad.T for Ad, scan in zip(adjoints, self._scans, strict=True)
-        ]
-        return np.array(rows).reshape(-1, 3, 3)
+        return np.array(
+            [self._graph.pose_covariance(scan + 1) for scan in range(len(self._stamps_ns))]
+        ).reshape(-1, 3, 3)
 
     def landmarks(self) -> tuple[Landmark, ...]:
         """The map: all landmarks of the graph with their marginal covariances."""
@@ -143,18 +124,20 @@ class Smoother:
             landmark for landmark, known in self._landmarks.items() if known.num_sightings >= least
         ]
 
-    def _move(self, step: FastStep, *, has_perceptions: bool) -> None:
-        """A new pose for a scan that perceives something; others hang on the last pose."""
+    def _move(self, step: FastStep) -> None:
+        """A new pose, reached by the motion model alone; the fast estimate says where to start.
+
+        The closed form has used the sightings that enter the graph themselves, so only its value
+        seeds the pose: as a factor it would count them twice.
+        """
         fast = step.map_T_base.pose
-        self._guess = self._guess @ (
+        last_T_current = (
             step.motion.pose if self._last_fast is None else self._last_fast.between(fast)
         )
         self._last_fast = fast
-        self._motion = self._motion @ step.motion
-        if has_perceptions:
-            self._graph.add_pose(self._motion, self._guess)
-            self._motion = _STANDING
-        self._scans.append(_Scan(step.stamp_ns, self._graph.num_poses - 1, self._motion.pose))
+        self._guess = self._guess @ last_T_current
+        self._graph.add_pose(step.motion, self._guess)
+        self._stamps_ns.append(step.stamp_ns)
 
     def _sight(self, scan: int, tracker_id: int, perceptions: Perceptions, row: int) -> None:
         track = self._track(scan, tracker_id, perceptions, row)
@@ -165,7 +148,7 @@ class Smoother:
         track.last_scan = scan
         track.known.sight(scan, perceptions, row)
         sighting = Sighting(
-            pose=self._scans[scan].pose,
+            pose=scan + 1,
             landmark=track.landmark,
             range_m=float(perceptions.ranges_m[row]),
             bearing=float(perceptions.bearings[row]),
@@ -193,7 +176,7 @@ class Smoother:
     def _update(self) -> None:
         """One iSAM2 update for the scans since the last, then a look for closed loops."""
         self._graph.update()
-        scan = len(self._scans) - 1
+        scan = len(self._stamps_ns) - 1
         in_sight = [
             track
             for track in self._tracks.values()
@@ -205,7 +188,7 @@ class Smoother:
             self._close(find_closures(self._graph, self._landmarks, recent, odds))
             for track in in_sight:
                 track.tested = track.known.num_sightings
-        self._guess = self._graph.pose(self._graph.num_poses - 1) @ self._motion.pose
+        self._guess = self._graph.pose(self._graph.num_poses - 1)
 
     def _close(self, closures: list[Closure]) -> None:
         """Makes each pair one landmark; everything else follows in the next solution."""
@@ -225,6 +208,6 @@ class Smoother:
         unseen = min(recent.scans) - max(old.scans)
         what = "loop closed" if unseen > _LOOP_SCANS else "track resumed"
         self._events.append(
-            f"{what} at scan {len(self._scans) - 1}: {old.kind.label} {closure.recent} is "
+            f"{what} at scan {len(self._stamps_ns) - 1}: {old.kind.label} {closure.recent} is "
             f"{closure.old}, unseen for {unseen} scans, log odds {closure.log_odds:.1f}"
         )

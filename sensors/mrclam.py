@@ -19,25 +19,28 @@ LANDMARKS_FILE = "Landmark_Groundtruth.dat"
 BARCODES_FILE = "Barcodes.dat"
 NUM_ROBOTS = 5
 
-RANGE_SIGMA_M = 0.05
-RANGE_SIGMA_PER_M = 0.035
-BEARING_SIGMA = 0.015
+RANGE_SIGMA_M = 0.12
+RANGE_SIGMA_PER_M = 0.045
+BEARING_SIGMA = 0.010
 """The camera's noise, from the residuals of all five robots against Vicon (15,383 sightings).
 
 Range: sd 0.05-0.08 m at 1-2 m, 0.07-0.12 at 2-3, 0.13-0.17 at 3-4, 0.13-0.22 at 4-6, with a bias of
--0.07 to +0.11 m; the sigma is hypot(0.05, 0.035 r). Bearing: sd 0.005-0.014 rad, and one robot's
-camera is off by 0.014. Barcodes that belong to nothing are misread and dropped (6 of 19,377).
+-0.07 to +0.11 m that stays for seconds, so that sightings in a row tell less than their number: the
+sigma, hypot(0.12, 0.045 r), is that much wider. Bearing: sd 0.005-0.014 rad, and one robot's camera
+is off by 0.014. Barcodes that belong to nothing are misread and dropped (6 of 19,377).
 """
 ODOMETRY_NOISE = OdometryNoise(
-    along_per_sqrt_m=0.12,
-    across_per_sqrt_m=0.06,
-    heading_per_sqrt_m=0.10,
-    heading_per_sqrt_rad=0.09,
+    along_per_sqrt_m=0.05,
+    across_per_sqrt_m=0.025,
+    heading_per_sqrt_m=0.04,
+    heading_per_sqrt_rad=0.036,
 )
 """The iRobot Create's, from legs of 1 to 4 m against Vicon, all five robots.
 
 Least squares of the squared differences, the worst 3 % left out: heading 0.07-0.13 rad per sqrt(m)
-and 0.01-0.14 per sqrt(rad); along 0.10-0.13 m per sqrt(m); across 0.12-0.15, mostly heading.
+and 0.01-0.14 per sqrt(rad); along 0.10-0.13 m per sqrt(m); across 0.12-0.15, mostly heading. Legs
+share the errors of Vicon and of the clocks at their ends, and are upper bounds: the wheels, taken
+at 0.4 of them, are the ones that hold the scale of the map against the camera's range bias.
 """
 
 

@@ -62,9 +62,9 @@ def draw_map(result: RunResult, truth: Truth, path: Path) -> None:
     matched = compare_map(result.landmarks, truth, path_alignment(result.smoothed, truth))
     map_T_world = _map_T_world(result, truth, matched)
     lines = _trajectories(result, truth, map_T_world)
-    true_landmarks = np.empty((0, 2))
+    true_landmarks: FloatArray = np.empty((0, 2))
     if truth.landmarks is not None:
-        true_landmarks: FloatArray = map_T_world.transform(truth.landmarks.world_t_landmarks)
+        true_landmarks = map_T_world.transform(truth.landmarks.world_t_landmarks)
     positions = _positions(result.landmarks)
     low, high = _extent([positions, true_landmarks, *(line for line, _, _ in lines)])
     figure, axes = _map_axes(low, high)
