@@ -1,6 +1,8 @@
 """The truth beside a run's files, so that it can be judged again from them alone."""
 
+import re
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import tomli_w
@@ -30,6 +32,8 @@ TRUTH_ASSOCIATIONS_CSV = "truth_associations.csv"
 LANDMARK_COLUMNS = ("x_m", "y_m", "kind", "diameter_m")
 _ASSOCIATION_COLUMNS = ("stamp_s", "landmarks")
 _NOTE = "positions of the reference point, in the truth's own frame; the map's frame is another"
+_MAX_LANDMARKS: Final = 10**9
+_WHOLE_NUMBER: Final = re.compile(r"-1|0|[1-9][0-9]{0,8}")
 
 
 class _Path(BaseModel):
@@ -92,7 +96,7 @@ def read_truth(folder: Path) -> Truth:
         landmarks = read_true_landmarks(folder / TRUTH_LANDMARKS_CSV)
         _check_count(folder / TRUTH_LANDMARKS_CSV, contents.num_landmarks, len(landmarks.kinds))
     if contents.num_associations is not None:
-        limit = contents.num_landmarks or 0
+        limit = contents.num_landmarks
         associations = _read_associations(folder / TRUTH_ASSOCIATIONS_CSV, limit)
         _check_count(folder / TRUTH_ASSOCIATIONS_CSV, contents.num_associations, len(associations))
     return Truth(path, landmarks, associations)
@@ -161,7 +165,7 @@ def _write_associations(path: Path, associations: dict[int, IntArray]) -> None:
     write_text(path, "\n".join(lines) + "\n")
 
 
-def _read_associations(path: Path, num_landmarks: int) -> dict[int, IntArray]:
+def _read_associations(path: Path, num_landmarks: int | None) -> dict[int, IntArray]:
     rows = read_csv_rows(path, _ASSOCIATION_COLUMNS)
     stamps_ns = column_stamps_ns(path, rows).tolist()
     return {
@@ -170,16 +174,18 @@ def _read_associations(path: Path, num_landmarks: int) -> dict[int, IntArray]:
     }
 
 
-def _landmark_rows(path: Path, row: Row, num_landmarks: int) -> IntArray:
-    cells = row.cells[1].split()
-    allowed = {str(number): number for number in range(-1, num_landmarks)}
-    try:
-        return np.array([allowed[cell] for cell in cells], dtype=np.int64)
-    except KeyError as error:
-        raise InputError(
-            f"{path} line {row.line}: expected rows from -1 to {num_landmarks - 1}, "
-            f"got {str(error)[:40]}"
-        ) from None
+def _landmark_rows(path: Path, row: Row, num_landmarks: int | None) -> IntArray:
+    """The true landmark of each perception; where none are known, any number stands for one."""
+    limit = _MAX_LANDMARKS if num_landmarks is None else num_landmarks
+    rows: list[int] = []
+    for cell in row.cells[1].split():
+        number = int(cell) if _WHOLE_NUMBER.fullmatch(cell) else limit
+        if not -1 <= number < limit:
+            raise InputError(
+                f"{path} line {row.line}: expected rows from -1 to {limit - 1}, got {cell[:40]!r}"
+            )
+        rows.append(number)
+    return np.array(rows, dtype=np.int64)
 
 
 def _kind(path: Path, row: Row) -> Kind:

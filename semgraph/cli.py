@@ -41,6 +41,8 @@ def _call(parsed: argparse.Namespace) -> None:
             commands.run(parsed.source, parsed.output, parsed.settings, parsed.set)
         case "evaluate":
             commands.evaluate(parsed.folder)
+        case "compare":
+            commands.compare(parsed.first, parsed.second)
         case "view":
             commands.view(parsed.folder)
 
@@ -79,6 +81,9 @@ def _parser() -> argparse.ArgumentParser:
     ):
         command = commands.add_parser(name, help=what)
         command.add_argument("folder", type=Path, metavar="DIR", help="the results of a run")
+    compare = commands.add_parser("compare", help="how far two runs of one recording are apart")
+    compare.add_argument("first", type=Path, metavar="DIR", help="the results of a run")
+    compare.add_argument("second", type=Path, metavar="DIR", help="the results of another")
     return parser
 
 

@@ -12,6 +12,7 @@ from detectors.catalog import create_detector, detector_settings
 from detectors.detector import Detector
 from evaluation.metrics import Metric
 from evaluation.report import evaluate_folder, table_rows
+from evaluation.trajectory import trajectory_difference
 from evaluation.truth_files import write_truth
 from semgraph import pipeline, results, staging, viewer
 from semgraph.progress import progress
@@ -67,6 +68,16 @@ def evaluate(folder: Path) -> None:
     console.print(table)
 
 
+def compare(first: Path, second: Path) -> None:
+    """Prints how far apart the smoothed trajectories of two runs of one recording are."""
+    one, other = results.read(first), results.read(second)
+    difference_m = trajectory_difference(one.smoothed, other.smoothed)
+    Console(soft_wrap=True).print(
+        f"smoothed trajectories, rigidly aligned, RMSE of the difference: {difference_m:.3f} m; "
+        f"landmarks: {len(one.landmarks)} and {len(other.landmarks)}"
+    )
+
+
 def view(folder: Path) -> None:
     """Opens a run in Rerun."""
     viewer.open_viewer(folder / RUN_RRD)
@@ -91,7 +102,7 @@ def _effective(
 _COMPARED: Final = (
     ("trajectory, rigidly aligned, RMSE", "trajectory_rmse_m"),
     ("trajectory, rigidly aligned, median", "trajectory_median_m"),
-    ("trajectory as it is, RMSE", "trajectory_rmse_unaligned_m"),
+    ("trajectory, first pose on the first, RMSE", "trajectory_rmse_origin_m"),
     ("map, RMSE", "map_rmse_m"),
 )
 

@@ -20,6 +20,7 @@ FILES = {
     "trajectory_covariance.csv",
     "map.json",
     "map.csv",
+    "map_fast.json",
     "settings.toml",
     "run.json",
     "events.log",
