@@ -12,6 +12,7 @@ from semgraph.landmarks import Landmark
 from sensors.truth import TrueLandmarks, Truth
 
 MAX_GATE_M = 1.0
+MIN_GATE_M = 0.3
 MIN_TRUE_SIGHTINGS = 3
 _MAX_ROUNDS = 20
 _CERTAINLY_ONE_M = 0.3
@@ -52,8 +53,8 @@ def compare_map(
     """The map beside the truth, or None where there are no true landmarks.
 
     Landmarks and true ones of one kind pair one to one within a gate: half the median distance
-    of a true landmark to its nearest neighbour, at most 1 m. As many pairs as possible come first,
-    then the least sum of squares. The alignment that comes in (None: the map's frame is the
+    of a true landmark to its nearest neighbour, from 0.3 to 1 m. As many pairs as possible come
+    first, then the least sum of squares. The alignment that comes in (None: the map's frame is the
     world's) starts it; the map's own alignment to its pairs follows, and both are repeated until
     the pairs stay. Had to be found: true landmarks with at least 3 true sightings, or all of them
     where the sightings are not known.
@@ -177,7 +178,7 @@ def _gate_m(world_t_landmarks: FloatArray) -> float:
         return MAX_GATE_M
     nearest, _ = cKDTree(world_t_landmarks).query(world_t_landmarks, k=2)
     spacing_m = float(np.median(nearest[:, 1]))
-    return min(MAX_GATE_M, 0.5 * spacing_m) if spacing_m > 0.0 else MAX_GATE_M
+    return float(np.clip(0.5 * spacing_m, MIN_GATE_M, MAX_GATE_M))
 
 
 def _candidates(

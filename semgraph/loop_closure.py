@@ -1,6 +1,6 @@
 """Finds landmarks that are one object: where older ones are in sight again, a loop closes."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -170,9 +170,15 @@ def _density(estimate: dict[int, FloatArray], recent: Sequence[int]) -> float:
 
 
 def duplicates(
-    graph: FactorGraph, landmarks: dict[int, GraphLandmark], least_log_odds: float
+    graph: FactorGraph,
+    landmarks: dict[int, GraphLandmark],
+    changed: Set[int],
+    least_log_odds: float,
 ) -> list[Closure]:
-    """Pairs of landmarks anywhere that are one object, each landmark at most once."""
+    """Pairs of landmarks anywhere that are one object, each landmark at most once.
+
+    Only pairs with one of `changed` are looked at.
+    """
     from scipy.spatial import KDTree
 
     estimate = graph.estimate().map_t_landmarks
@@ -186,7 +192,7 @@ def duplicates(
     ):
         near = [ids[row] for row in rows if ids[row] < recent]
         old = [landmark for landmark in near if landmarks[recent].may_be(landmarks[landmark])]
-        if old:
+        if old and any(landmark in changed for landmark in (recent, *old)):
             found.extend(_closures(graph, estimate, [recent], old, None, least_log_odds))
     return _disjoint(found)
 

@@ -60,6 +60,8 @@ class MotionNoise:
     angular_acceleration: float = 1.5
     floor_m: float = 0.02
     floor_rad: float = 0.01
+    unknown_speed: float = 5.0
+    unknown_turn_rate: float = 1.0
 
 
 def constant_motion(
@@ -67,9 +69,15 @@ def constant_motion(
 ) -> UncertainPose2:
     """The last movement once more, scaled to the time that has passed.
 
+    Before the first movement the speed is unknown altogether.
+
     Source: paper section 3.3, the proposed frame. The covariance is this project's.
     """
-    scale = seconds / last_seconds if last_seconds > 0.0 else 0.0
+    if last_seconds <= 0.0:
+        sigma_m = noise.unknown_speed * seconds + noise.floor_m
+        sigma_rad = noise.unknown_turn_rate * seconds + noise.floor_rad
+        return UncertainPose2(Pose2(), np.diag([sigma_m**2, sigma_m**2, sigma_rad**2]))
+    scale = seconds / last_seconds
     motion = Pose2(last_motion.x * scale, last_motion.y * scale, last_motion.theta * scale)
     span = seconds * max(seconds, last_seconds)
     sigma_m = noise.acceleration * span + noise.floor_m

@@ -88,9 +88,11 @@ class Smoother:
         self._update()
         self._graph.polish()
         odds = float(np.log(self._settings.duplicate_odds))
-        while closures := duplicates(self._graph, self._landmarks, odds):
+        changed = set(self._landmarks)
+        while closures := duplicates(self._graph, self._landmarks, changed, odds):
             self._close(closures)
             self._graph.polish()
+            changed = {closure.old for closure in closures}
 
     def trajectory(self) -> Trajectory:
         """The smoothed pose of each scan."""

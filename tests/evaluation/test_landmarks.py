@@ -73,9 +73,9 @@ def test_only_what_was_really_sighted_can_be_missed() -> None:
 
 
 def test_the_gate_shrinks_with_the_spacing_of_the_truth() -> None:
-    close = [(0.4 * k, 0.0) for k in range(10)]
-    errors = judged([tree(0.0, 0.3)], Truth(None, true_trees(*close)))
-    assert errors.gate_m == pytest.approx(0.2)
+    close = [(0.8 * k, 0.0) for k in range(10)]
+    errors = judged([tree(0.0, 0.45)], Truth(None, true_trees(*close)))
+    assert errors.gate_m == pytest.approx(0.4)
     np.testing.assert_array_equal(errors.false, [0])
 
 

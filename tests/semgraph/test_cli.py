@@ -1,0 +1,154 @@
+"""The command line as a user types it, and the README's promises."""
+
+import json
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def semgraph(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "semgraph.cli", *arguments]
+    return subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, check=False, timeout=300
+    )
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The folder in which the demo ran, and what it printed."""
+    folder = tmp_path_factory.mktemp("demo")
+    done = semgraph(folder, "demo")
+    assert done.returncode == 0, done.stderr
+    return folder, done.stdout
+
+
+def test_the_demo_shows_a_table_and_leaves_what_the_readme_lists(demo: tuple[Path, str]) -> None:
+    folder, printed = demo
+    assert "smoothed" in printed
+    assert "semgraph view" in printed
+    written = {path.name for path in (folder / "results" / "latest").iterdir()}
+    listed = set(re.findall(r"`([a-z_]+\.[a-z]+)`", _section("What comes out")))
+    assert listed <= written, listed - written
+    metrics = json.loads((folder / "results" / "latest" / "metrics.json").read_text())
+    assert metrics["fast_trajectory_max_origin_m"]["value"] < 0.5
+    smoothed, fast = metrics["trajectory_rmse_m"], metrics["fast_trajectory_rmse_m"]
+    assert smoothed["value"] < fast["value"]
+    assert (smoothed["unit"], smoothed["better"]) == ("m", "lower")
+    for name in (
+        "trajectory_median_m",
+        "trajectory_rmse_unaligned_m",
+        "map_rmse_m",
+        "landmarks_confirmed",
+        "landmarks_missed",
+        "landmarks_duplicate",
+        "nees_mean",
+        "scans_per_second",
+        "fast_latency_p99_ms",
+    ):
+        assert name in metrics
+
+
+def test_a_run_is_judged_again_from_its_files_alone(demo: tuple[Path, str]) -> None:
+    folder, _ = demo
+    latest = folder / "results" / "latest"
+    before = (latest / "metrics.json").read_text()
+    (latest / "metrics.json").unlink()
+    done = semgraph(folder, "evaluate", "results/latest")
+    assert done.returncode == 0, done.stderr
+    assert "trajectory_rmse_m" in done.stdout
+    assert json.loads((latest / "metrics.json").read_text()) == json.loads(before)
+
+
+def test_the_effective_settings_run_again(demo: tuple[Path, str], tmp_path: Path) -> None:
+    folder, _ = demo
+    settings = folder / "results" / "latest" / "settings.toml"
+    done = semgraph(
+        tmp_path, "run", "course:paper", "--settings", str(settings), "--output", "again"
+    )
+    assert done.returncode == 0, done.stderr
+    first = (folder / "results" / "latest" / "trajectory.tum").read_bytes()
+    assert (tmp_path / "again" / "trajectory.tum").read_bytes() == first
+    same = semgraph(tmp_path, "compare", "again", str(folder / "results" / "latest"))
+    assert "0.000 m" in same.stdout
+
+
+def test_help_is_quick() -> None:
+    seconds = []
+    for _ in range(3):
+        before = time.perf_counter()
+        assert semgraph(ROOT, "--help").returncode == 0
+        seconds.append(time.perf_counter() - before)
+    loaded = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "semgraph.cli", "--help"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stderr
+    assert not re.search(r"\b(gtsam|open3d|rerun|numpy|scipy|matplotlib)\b", loaded)
+    assert min(seconds) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run", "course:papr"], "course:paper"),
+        (["run", "nowhere"], "nowhere"),
+        (["run", "course:paper", "--set", "sed=1"], "seed"),
+        (["run", "course:paper", "--set", "num_trees=100000"], "num_trees"),
+        (["run", "course:paper", "--settings", "none.toml"], "none.toml"),
+        (["run", "course:paper", "--output", "taken"], "taken"),
+        (["evaluate", "nowhere"], "nowhere"),
+        (["view", "nowhere"], "nowhere"),
+    ],
+)
+def test_a_known_error_is_one_line_and_status_1(
+    tmp_path: Path, arguments: list[str], words: str
+) -> None:
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "a_users_own.txt").write_text("kept")
+    done = semgraph(tmp_path, *arguments)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert done.stderr.count("\n") == 1
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+
+
+def test_wrong_usage_is_status_2(tmp_path: Path) -> None:
+    assert semgraph(tmp_path, "fly").returncode == 2
+
+
+def test_a_folder_written_by_hand_runs(tmp_path: Path) -> None:
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "recording.toml").write_text('name = "mine"\n')
+    rows = ["stamp_s,kind,range_m,bearing_rad"]
+    for k in range(30):
+        rows += [f"{0.1 * k:.1f},tree,{5 - 0.05 * k:.2f},0.0", f"{0.1 * k:.1f},rock,4.0,1.5"]
+    (folder / "perceptions.csv").write_text("\n".join(rows) + "\n")
+    done = semgraph(tmp_path, "run", "mine", "--output", "out")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "map.png").stat().st_size > 10_000
+
+
+def test_the_readmes_commands_exist() -> None:
+    commands = set(re.findall(r"semgraph (demo|run|evaluate|view|compare)\b", _text()))
+    assert {"demo", "run", "evaluate", "view"} <= commands
+    assert "./check" in _text()
+    assert (ROOT / "check").stat().st_mode & 0o111
+    assert "./check" in (ROOT / ".ci" / "run").read_text()
+
+
+def _text() -> str:
+    return (ROOT / "README.md").read_text()
+
+
+def _section(title: str) -> str:
+    return _text().split(f"## {title}\n")[1].split("\n## ")[0]
