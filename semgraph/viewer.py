@@ -1,160 +1,199 @@
 """A run for Rerun: written as a recording, opened in its viewer."""
 
+import importlib.util
+import os
+import re
+import shlex
 import subprocess
 import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from semgraph.arrays import FloatArray
-from semgraph.errors import SemgraphError
-from semgraph.estimates import Trajectory
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.errors import InputError, SemgraphError
 from semgraph.landmarks import Kind, Landmark
 from semgraph.results import RunResult
 
 if TYPE_CHECKING:
     import rerun as rr
 
-_COLORS: Final = {
-    Kind.TREE: (46, 125, 50),
-    Kind.ROCK: (121, 85, 72),
-    Kind.MARKER: (21, 101, 192),
-}
-_FAST_COLOR: Final = (230, 159, 0)
-_SMOOTHED_COLOR: Final = (0, 114, 178)
-_ELLIPSE_POINTS: Final = 33
+_COLORS: Final = {Kind.TREE: (46, 125, 50), Kind.ROCK: (121, 85, 72), Kind.MARKER: (21, 101, 192)}
+_PATH_COLORS: Final = {"smoothed": (0, 114, 178), "fast": (230, 159, 0)}
 _CHI2_2DOF_95: Final = 5.991
+_UNIT_CIRCLE: Final = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 33)).view(float).reshape(-1, 2)
 _TRUNK_HEIGHT_M: Final = 2.0
+# Radii below zero are points on the screen (Rerun, component Radius).
+_LINE_WIDTH: Final = -1.0
+_POINT_RADIUS: Final = -3.0
+_ESCAPING: Final = ("utf-8", "backslashreplace")
+_AT_SCAN: Final = re.compile(r"\bat scan (\d{1,12})\b")
 
 
 def write_recording(result: RunResult, path: Path) -> None:
-    """Writes a finished run as a Rerun recording.
+    """Writes a finished run as a Rerun recording: no server, no connection.
+
+    Its timeline `time` counts from the run's first pose.
 
     Raises:
-        SemgraphError: the file cannot be written.
+        SemgraphError: the file cannot be written, or Rerun cannot take a value.
     """
     import rerun as rr
 
-    recording = rr.RecordingStream("semgraph", recording_id=result.name)
-    try:
-        recording.save(str(path), default_blueprint=_blueprint())
-        _log_path(recording, "map/smoothed", result.smoothed, _SMOOTHED_COLOR)
-        _log_path(recording, "map/fast", result.fast, _FAST_COLOR)
-        _log_landmarks(recording, result.landmarks)
-        for event in result.events:
-            recording.log("events", rr.TextLog(event), static=False)
+    with _refusals(path):
+        center, size_m = _extent(result)
+        blueprint = _blueprint(center, size_m)
+        path.write_bytes(b"")  # a stream without its file would print warnings of its own
+        recording = rr.RecordingStream("semgraph")
+        recording.save(path, default_blueprint=blueprint)
+        recording.send_recording_name(result.name.encode(*_ESCAPING).decode())
+        recording.log("map", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for name in ("smoothed", "fast"):
+            _log_trajectory(recording, name, result, axes_m=0.03 * size_m)
+        for kind in Kind:
+            _log_landmarks(recording, kind, result)
+        _log_events(recording, result)
         recording.flush()
         recording.disconnect()
-    except (OSError, RuntimeError, ValueError) as error:
-        raise SemgraphError(f"{path}: the Rerun recording cannot be written: {error}") from error
 
 
 def open_viewer(path: Path) -> None:
-    """Opens a recording in the Rerun viewer and waits until it is closed.
+    """Opens a recording in a new Rerun viewer, on loopback only, and waits until it is closed.
+
+    Rerun's usage statistics are turned off first, by its own switch, which stays so for the user.
 
     Raises:
-        SemgraphError: there is no such file, or no viewer could be opened.
+        InputError: there is no such file.
+        SemgraphError: no viewer is installed, or it cannot open; says how to look at it instead.
     """
     if not path.is_file():
-        raise SemgraphError(f"{path}: expected the recording of a run; make one with semgraph run")
-    command = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(path)]
-    finished = subprocess.run(command, check=False)  # noqa: S603  our own interpreter, a file name
-    if finished.returncode != 0:
-        raise SemgraphError(
-            f"{path}: the Rerun viewer did not open; without a display, try "
-            f"rerun --serve-web --bind 127.0.0.1 {path}"
-        )
+        raise InputError(f"{path}: expected the recording of a run; make one with semgraph run")
+    if importlib.util.find_spec("rerun") is None:
+        raise SemgraphError(f"{path}: expected the Rerun viewer; pip install rerun-sdk")
+    whole = path.resolve()
+    instead = f"in a browser: rerun --serve-web --bind 127.0.0.1 {shlex.quote(str(whole))}"
+    if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
+        raise SemgraphError(f"{path}: expected a display, there is none; view it {instead}")
+    viewer = ["--bind", "127.0.0.1", "--port", "auto", str(whole)]
+    for arguments in (["analytics", "disable"], viewer):
+        command = [sys.executable, "-m", "rerun", *arguments]
+        finished = subprocess.run(command, capture_output=True, check=False)  # noqa: S603  ours
+        if finished.returncode != 0:
+            reason = finished.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+            raise SemgraphError(f"{path}: the Rerun viewer failed: {reason}; view it {instead}")
 
 
-def _blueprint() -> "rr.blueprint.Blueprint":
-    from rerun import blueprint
+@contextmanager
+def _refusals(path: Path) -> Iterator[None]:
+    """Makes one error of whatever Rerun refuses; of itself it only warns of wrong shapes."""
+    from rerun.error_utils import RerunWarning
 
-    return blueprint.Blueprint(
-        blueprint.Vertical(
-            blueprint.Spatial3DView(origin="map", name="map"),
-            blueprint.TextLogView(origin="events", name="decisions"),
-            row_shares=[4, 1],
-        )
+    try:
+        with warnings.catch_warnings(), np.errstate(over="raise"):
+            warnings.simplefilter("error", RerunWarning)
+            yield
+    except (OSError, RuntimeError, ValueError, FloatingPointError, RerunWarning) as error:
+        reason = " ".join(str(error).split())
+        raise SemgraphError(f"{path}: the Rerun recording cannot be written: {reason}") from error
+
+
+def _extent(result: RunResult) -> tuple[FloatArray, float]:
+    """Centre (2,) and longer side in m, at least 1, of both paths."""
+    points = np.concatenate([result.smoothed.map_T_bases, result.fast.map_T_bases])[:, :2]
+    if not len(points):
+        return np.zeros(2), 1.0
+    return 0.5 * (points.min(axis=0) + points.max(axis=0)), max(1.0, np.ptp(points, axis=0).max())
+
+
+def _blueprint(center: FloatArray, size_m: float) -> "rr.blueprint.Blueprint":
+    """The map from above, y up, and the events below it."""
+    import rerun.blueprint as rrb
+
+    eye = rrb.EyeControls3D(
+        position=(*center, 1.2 * size_m), look_target=(*center, 0.0), eye_up=(0.0, 1.0, 0.0)
     )
+    view = rrb.Spatial3DView(origin="map", name="map", eye_controls=eye)
+    events = rrb.TextLogView(origin="events", name="events")
+    layout = rrb.Vertical(view, events, row_shares=[4, 1])
+    return rrb.Blueprint(layout, rrb.TimePanel(timeline="time"))
 
 
-def _log_path(
-    recording: "rr.RecordingStream",
-    entity: str,
-    trajectory: Trajectory,
-    color: tuple[int, int, int],
+def _log_trajectory(
+    recording: "rr.RecordingStream", name: str, result: RunResult, *, axes_m: float
 ) -> None:
     """The whole path as a line, and the robot moving along it in time."""
     import rerun as rr
 
+    trajectory = {"smoothed": result.smoothed, "fast": result.fast}[name]
     if not len(trajectory):
         return
-    x_y_0 = np.column_stack([trajectory.map_T_bases[:, :2], np.zeros(len(trajectory))])
-    recording.log(f"{entity}/path", rr.LineStrips3D([x_y_0], colors=[color]), static=True)
+    positions = trajectory.map_T_bases * (1.0, 1.0, 0.0)
+    path = rr.LineStrips3D([positions], colors=[_PATH_COLORS[name]], radii=_LINE_WIDTH)
+    recording.log(f"map/{name}/path", path, static=True)
     half = 0.5 * trajectory.map_T_bases[:, 2]
-    nothing = np.zeros(len(half))
-    quaternions = np.column_stack([nothing, nothing, np.sin(half), np.cos(half)])
-    recording.log(f"{entity}/robot", rr.TransformAxes3D(1.0), static=True)
-    recording.send_columns(
-        f"{entity}/robot",
-        indexes=[rr.TimeColumn("time", duration=1e-9 * trajectory.stamps_ns)],
-        columns=rr.Transform3D.columns(translation=x_y_0, quaternion=quaternions),
-    )
+    quaternions = np.column_stack([np.zeros((len(half), 2)), np.sin(half), np.cos(half)])
+    moving = rr.Transform3D.columns(translation=positions, quaternion=quaternions)
+    times = rr.TimeColumn("time", duration=_since_start(result, trajectory.stamps_ns))
+    recording.send_columns(f"map/{name}/robot", [times], moving)
+    recording.log(f"map/{name}/robot", rr.TransformAxes3D(axes_m), static=True)
 
 
-def _log_landmarks(recording: "rr.RecordingStream", landmarks: tuple[Landmark, ...]) -> None:
+def _log_landmarks(recording: "rr.RecordingStream", kind: Kind, result: RunResult) -> None:
+    """Positions with labels, 95 % ellipses, and cylinders where the diameter is known."""
     import rerun as rr
 
-    for kind in Kind:
-        group = [landmark for landmark in landmarks if landmark.semantics.kind is kind]
-        if not group:
-            continue
-        entity = f"map/{kind.label}s"
-        centres = np.array([[*landmark.map_t_landmark, 0.0] for landmark in group])
-        labels = [f"{landmark.id}: {landmark.num_sightings} sightings" for landmark in group]
-        color = _COLORS[kind]
-        recording.log(
-            f"{entity}/centres",
-            rr.Points3D(centres, colors=[color], labels=labels, show_labels=False, radii=0.1),
-            static=True,
-        )
-        recording.log(
-            f"{entity}/ellipses",
-            rr.LineStrips3D([_ellipse(landmark) for landmark in group], colors=[color]),
-            static=True,
-        )
-        _log_trunks(recording, f"{entity}/trunks", group, color)
+    landmarks = [each for each in result.landmarks if each.semantics.kind is kind]
+    if not landmarks:
+        return
+    entity, colors = f"map/{kind.label}s", [_COLORS[kind]]
+    positions = np.array([[*each.map_t_landmark, 0.0] for each in landmarks])
+    labels = [f"{each.id}: {each.num_sightings} sightings" for each in landmarks]
+    points = rr.Points3D(positions, colors=colors, labels=labels, radii=_POINT_RADIUS)
+    recording.log(f"{entity}/positions", points, static=True)
+    values, vectors = np.linalg.eigh([each.covariance for each in landmarks])
+    roots = vectors * np.sqrt(_CHI2_2DOF_95 * np.maximum(values, 0.0))[:, None, :]
+    flat_roots = np.pad(roots, ((0, 0), (0, 1), (0, 0)))
+    outlines = _UNIT_CIRCLE @ flat_roots.transpose(0, 2, 1) + positions[:, None]
+    ellipses = rr.LineStrips3D(outlines, colors=colors, radii=_LINE_WIDTH)
+    recording.log(f"{entity}/ellipses", ellipses, static=True)
+    _log_bodies(recording, kind, landmarks)
 
 
-def _log_trunks(
-    recording: "rr.RecordingStream",
-    entity: str,
-    group: list[Landmark],
-    color: tuple[int, int, int],
-) -> None:
-    """Those with a known diameter, as cylinders."""
+def _log_bodies(recording: "rr.RecordingStream", kind: Kind, landmarks: Sequence[Landmark]) -> None:
+    """Cylinders where the diameter is known: trunks, or as high as they are wide."""
     import rerun as rr
 
-    known = [(each, each.semantics.diameter) for each in group]
-    trunks = [(each, diameter) for each, diameter in known if diameter is not None]
-    if trunks:
-        recording.log(
-            entity,
-            rr.Cylinders3D(
-                lengths=[_TRUNK_HEIGHT_M] * len(trunks),
-                radii=[0.5 * diameter.mean_m for _, diameter in trunks],
-                centers=[[*each.map_t_landmark, 0.5 * _TRUNK_HEIGHT_M] for each, _ in trunks],
-                colors=[color],
-            ),
-            static=True,
-        )
+    known = [(e.map_t_landmark, e.semantics.diameter) for e in landmarks]
+    bodies = [(*position, diameter.mean_m) for position, diameter in known if diameter]
+    if bodies:
+        x, y, widths = np.transpose(bodies)
+        heights = np.full_like(x, _TRUNK_HEIGHT_M) if kind is Kind.TREE else widths
+        centers = np.column_stack([x, y, 0.5 * heights])
+        look = {"colors": [_COLORS[kind]], "fill_mode": "solid"}
+        cylinders = rr.Cylinders3D(lengths=heights, radii=0.5 * widths, centers=centers, **look)
+        recording.log(f"map/{kind.label}s/bodies", cylinders, static=True)
 
 
-def _ellipse(landmark: Landmark) -> FloatArray:
-    """(k, 3) outline of the 95 % region."""
-    angles = np.linspace(0.0, 2.0 * np.pi, _ELLIPSE_POINTS)
-    values, vectors = np.linalg.eigh(landmark.covariance)
-    axes = vectors * np.sqrt(_CHI2_2DOF_95 * np.maximum(values, 0.0))
-    outline = np.column_stack([np.cos(angles), np.sin(angles)]) @ axes.T + landmark.map_t_landmark
-    return np.column_stack([outline, np.zeros(len(angles))])
+def _log_events(recording: "rr.RecordingStream", result: RunResult) -> None:
+    """Each at the scan that its text names; without one, at the end of the run."""
+    import rerun as rr
+
+    if not result.events:
+        return
+    stamps_ns = result.fast.stamps_ns if len(result.fast) else np.zeros(1, dtype=np.int64)
+    last = len(stamps_ns) - 1
+    named = [_AT_SCAN.search(event) for event in result.events]
+    scans = [last if scan is None else min(int(scan[1]), last) for scan in named]
+    times = rr.TimeColumn("time", duration=_since_start(result, stamps_ns[scans]))
+    texts = rr.TextLog.columns(text=[event.encode(*_ESCAPING).decode() for event in result.events])
+    recording.send_columns("events", [times], texts)
+
+
+def _since_start(result: RunResult, stamps_ns: IntArray) -> NDArray[np.timedelta64]:
+    firsts = [int(each.stamps_ns[0]) for each in (result.smoothed, result.fast) if len(each)]
+    return (stamps_ns - min(firsts, default=0)).astype("timedelta64[ns]")
