@@ -65,8 +65,6 @@ def write_recording(result: RunResult, path: Path) -> None:
 def open_viewer(path: Path) -> None:
     """Opens a recording in a new Rerun viewer, on loopback only, and waits until it is closed.
 
-    Rerun's usage statistics are turned off first, by its own switch, which stays so for the user.
-
     Raises:
         InputError: there is no such file.
         SemgraphError: no viewer is installed, or it cannot open; says how to look at it instead.
@@ -79,13 +77,12 @@ def open_viewer(path: Path) -> None:
     instead = f"in a browser: rerun --serve-web --bind 127.0.0.1 {shlex.quote(str(whole))}"
     if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
         raise SemgraphError(f"{path}: expected a display, there is none; view it {instead}")
-    viewer = ["--bind", "127.0.0.1", "--port", "auto", str(whole)]
-    for arguments in (["analytics", "disable"], viewer):
-        command = [sys.executable, "-m", "rerun", *arguments]
-        finished = subprocess.run(command, capture_output=True, check=False)  # noqa: S603  ours
-        if finished.returncode != 0:
-            reason = finished.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-            raise SemgraphError(f"{path}: the Rerun viewer failed: {reason}; view it {instead}")
+    listening = ["--bind", "127.0.0.1", "--port", "auto"]
+    command = [sys.executable, "-m", "rerun", *listening, str(whole)]
+    finished = subprocess.run(command, capture_output=True, check=False)  # noqa: S603  ours
+    if finished.returncode != 0:
+        reason = finished.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+        raise SemgraphError(f"{path}: the Rerun viewer failed: {reason}; view it {instead}")
 
 
 @contextmanager

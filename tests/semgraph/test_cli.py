@@ -61,7 +61,7 @@ def test_a_run_is_judged_again_from_its_files_alone(demo: tuple[Path, str]) -> N
     (latest / "metrics.json").unlink()
     done = semgraph(folder, "evaluate", "results/latest")
     assert done.returncode == 0, done.stderr
-    assert "trajectory_rmse_m" in done.stdout
+    assert "trajectory rmse" in done.stdout
     assert json.loads((latest / "metrics.json").read_text()) == json.loads(before)
 
 
