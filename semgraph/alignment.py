@@ -52,14 +52,11 @@ def align(
     Source: paper section 3.3, second step, where x solves R p + t = l although the text says
     R l + t = p. Differs: rigid; after atan2 the angle is the same, the translation is better.
     """
-    if base_t_landmarks.shape != map_t_landmarks.shape or variances.shape != (
-        len(map_t_landmarks),
-    ):
-        raise InputError(
-            f"alignment: shapes disagree: {base_t_landmarks.shape}, {map_t_landmarks.shape}, "
-            f"{variances.shape}"
-        )
-    if len(base_t_landmarks) < 2:
+    n = len(map_t_landmarks)
+    shapes = (base_t_landmarks.shape, map_t_landmarks.shape, variances.shape)
+    if shapes != ((n, 2), (n, 2), (n,)):
+        raise InputError(f"alignment: shapes disagree: {shapes[0]}, {shapes[1]}, {shapes[2]}")
+    if n < 2:
         return NoEstimate(NoEstimateReason.TOO_FEW_MATCHES)
     weights = 1.0 / variances if solve is Solve.RIGID else np.ones(len(variances))
     p_mean = np.average(base_t_landmarks, axis=0, weights=weights)
