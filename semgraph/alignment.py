@@ -73,9 +73,22 @@ def align(
     scale = float(np.hypot(cosine, sine)) / spread
     map_R_base = rotation(theta) * (1.0 if solve is Solve.RIGID else scale)
     x, y = l_mean - map_R_base @ p_mean
-    information = pose_information(base_t_landmarks, np.eye(2) / variances[:, None, None])
-    covariance = np.linalg.inv(information)
+    covariance = _covariance(base_t_landmarks, variances, solve)
     return Alignment(UncertainPose2(Pose2(float(x), float(y), theta), covariance), scale)
+
+
+def _covariance(base_t_landmarks: FloatArray, variances: FloatArray, solve: Solve) -> FloatArray:
+    """(3, 3) in the pose's body tangent; the paper's solve pays for its free scale and weights."""
+    if solve is Solve.RIGID:
+        return np.linalg.inv(
+            pose_information(base_t_landmarks, np.eye(2) / variances[:, None, None])
+        )
+    J = np.concatenate([point_jacobians(base_t_landmarks), base_t_landmarks[:, :, None]], axis=2)
+    J = J.reshape(-1, 4)
+    # Of x = (J^T J)^-1 J^T b, where b has these variances.
+    gain = np.linalg.inv(J.T @ J) @ J.T
+    covariance: FloatArray = (gain * np.repeat(variances, 2) @ gain.T)[:3, :3]
+    return covariance
 
 
 def pose_information(base_t_landmarks: FloatArray, weights: FloatArray) -> FloatArray:
