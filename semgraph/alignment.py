@@ -52,14 +52,11 @@ def align(
     Source: paper section 3.3, second step, where x solves R p + t = l although the text says
     R l + t = p. Differs: rigid; after atan2 the angle is the same, the translation is better.
     """
-    if base_t_landmarks.shape != map_t_landmarks.shape or variances.shape != (
-        len(map_t_landmarks),
-    ):
-        raise InputError(
-            f"alignment: shapes disagree: {base_t_landmarks.shape}, {map_t_landmarks.shape}, "
-            f"{variances.shape}"
-        )
-    if len(base_t_landmarks) < 2:
+    n = len(map_t_landmarks)
+    shapes = (base_t_landmarks.shape, map_t_landmarks.shape, variances.shape)
+    if shapes != ((n, 2), (n, 2), (n,)):
+        raise InputError(f"alignment: shapes disagree: {shapes[0]}, {shapes[1]}, {shapes[2]}")
+    if n < 2:
         return NoEstimate(NoEstimateReason.TOO_FEW_MATCHES)
     weights = 1.0 / variances if solve is Solve.RIGID else np.ones(len(variances))
     p_mean = np.average(base_t_landmarks, axis=0, weights=weights)
@@ -76,9 +73,22 @@ def align(
     scale = float(np.hypot(cosine, sine)) / spread
     map_R_base = rotation(theta) * (1.0 if solve is Solve.RIGID else scale)
     x, y = l_mean - map_R_base @ p_mean
-    information = pose_information(base_t_landmarks, np.eye(2) / variances[:, None, None])
-    covariance = np.linalg.inv(information)
+    covariance = _covariance(base_t_landmarks, variances, solve)
     return Alignment(UncertainPose2(Pose2(float(x), float(y), theta), covariance), scale)
+
+
+def _covariance(base_t_landmarks: FloatArray, variances: FloatArray, solve: Solve) -> FloatArray:
+    """(3, 3) in the pose's body tangent; the paper's solve pays for its free scale and weights."""
+    if solve is Solve.RIGID:
+        return np.linalg.inv(
+            pose_information(base_t_landmarks, np.eye(2) / variances[:, None, None])
+        )
+    J = np.concatenate([point_jacobians(base_t_landmarks), base_t_landmarks[:, :, None]], axis=2)
+    J = J.reshape(-1, 4)
+    # Of x = (J^T J)^-1 J^T b, where b has these variances.
+    gain = np.linalg.inv(J.T @ J) @ J.T
+    covariance: FloatArray = (gain * np.repeat(variances, 2) @ gain.T)[:3, :3]
+    return covariance
 
 
 def pose_information(base_t_landmarks: FloatArray, weights: FloatArray) -> FloatArray:

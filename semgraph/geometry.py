@@ -20,7 +20,9 @@ def wrap_angle(angle: float) -> float: ...
 def wrap_angle(angle: FloatArray) -> FloatArray: ...
 def wrap_angle(angle: float | FloatArray) -> float | FloatArray:
     """The same angle in [-pi, pi)."""
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+    wrapped = (angle + math.pi) % (2.0 * math.pi) - math.pi
+    # Just below -pi the remainder rounds up to a full turn.
+    return wrapped - 2.0 * math.pi * (wrapped >= math.pi)
 
 
 def rotation(theta: float) -> FloatArray:

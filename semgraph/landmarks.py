@@ -189,18 +189,19 @@ class Perceptions:
 
     def _check_domains(self) -> None:
         variances = self.covariances[:, [0, 1], [0, 1]]
-        determinants = (
-            variances.prod(axis=1) - self.covariances[:, 0, 1] * self.covariances[:, 1, 0]
-        )
+        upper, lower = self.covariances[:, 0, 1], self.covariances[:, 1, 0]
+        products = variances.prod(axis=1)
         has_diameter = ~np.isnan(self.diameters_m)
         diameters = self.diameters_m[has_diameter]
         sigmas = self.diameter_sigmas_m[has_diameter]
         rules = {
             "kinds: expected codes of Kind": _CLASSES.keys() >= set(self.kinds.tolist()),
             "ranges: expected above 0 m": (self.ranges_m > 0.0).all(),
-            "covariances: expected positive definite": (variances > 0.0).all()
-            and (determinants > 0.0).all(),
+            "covariances: expected symmetric positive definite": (variances > 0.0).all()
+            and (products > upper * lower).all()
+            and ((upper - lower) ** 2 <= 1e-12 * products).all(),
             "diameters: expected positive with a positive sigma": (diameters > 0.0).all()
+            and np.isfinite(diameters).all()
             and (sigmas > 0.0).all()
             and np.isfinite(sigmas).all(),
             "reliabilities: expected 0 to 1": (

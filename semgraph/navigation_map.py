@@ -33,7 +33,8 @@ class NavigationMap:
         self._averaging = averaging
         self._size = 0
         self._positions = np.zeros((64, 2))
-        self._information = np.zeros((64, 2, 2))
+        # Of the sightings' information, or for SIGHTINGS of their covariances.
+        self._sums = np.zeros((64, 2, 2))
         self._num_sightings = np.zeros(64, dtype=np.int64)
         self._kinds = np.zeros(64, dtype=np.int64)
         self._diameter_weights = np.zeros(64)
@@ -76,7 +77,10 @@ class NavigationMap:
 
     def covariances(self, ids: IntArray) -> FloatArray:
         """(n, 2, 2) in map; for SIGHTINGS that of the plain mean."""
-        return np.linalg.inv(self._information[ids])
+        if self._averaging is Averaging.INFORMATION:
+            return np.linalg.inv(self._sums[ids])
+        covariances: FloatArray = self._sums[ids] / self._num_sightings[ids][:, None, None] ** 2
+        return covariances
 
     def kinds(self, ids: IntArray) -> IntArray:
         """(n,) codes of `Kind`."""
@@ -107,7 +111,7 @@ class NavigationMap:
         ids = np.arange(self._size, self._size + len(perceptions))
         self._grow_to(self._size + len(perceptions))
         self._positions[ids] = map_t_landmarks
-        self._information[ids] = 0.0
+        self._sums[ids] = 0.0
         self._num_sightings[ids] = 0
         self._kinds[ids] = perceptions.kinds
         self._diameter_weights[ids] = 0.0
@@ -143,12 +147,13 @@ class NavigationMap:
         self._seen_at_m[ids] = driven_m
         before = self._positions[ids]
         self._num_sightings[ids] += 1
-        weights = np.linalg.inv(covariances)
-        self._information[ids] += weights
         if self._averaging is Averaging.INFORMATION:
-            gain = np.linalg.solve(self._information[ids], weights)
+            weights = np.linalg.inv(covariances)
+            self._sums[ids] += weights
+            gain = np.linalg.solve(self._sums[ids], weights)
             after = before + np.einsum("nij,nj->ni", gain, map_t_landmarks - before)
         else:
+            self._sums[ids] += covariances
             after = before + (map_t_landmarks - before) / self._num_sightings[ids][:, None]
         self._positions[ids] = after
         self._move_cells(ids, before, after)
@@ -196,7 +201,7 @@ class NavigationMap:
         capacity = max(size, 2 * len(self._positions))
         for name in (
             "_positions",
-            "_information",
+            "_sums",
             "_num_sightings",
             "_kinds",
             "_diameter_weights",
