@@ -1,120 +1,347 @@
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from semgraph.alignment import Alignment
+from semgraph.arrays import FloatArray
 from semgraph.estimates import NoEstimate, NoEstimateReason
-from semgraph.fast_estimator import FastEstimator, FastSettings, Rules
-from semgraph.geometry import Pose2
-from semgraph.landmarks import Kind, Perceptions
-from semgraph.motion_model import OdometryAccumulator
-from sensors.measurements import OdometryNoise, WheelOdometry
+from semgraph.fast_estimator import FastEstimator, FastSettings, FastStep, Rules
+from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
+from semgraph.landmarks import Kind, Perceptions, polar_covariances
+from semgraph.measurement_model import predict
+from semgraph.motion_model import MotionNoise, constant_motion
 from sensors.simulation.course import CourseOptions, read
 from sensors.truth import Source
 
-
-def follow(source: Source, settings: FastSettings) -> tuple[FastEstimator, np.ndarray]:
-    """The estimator at the end, and its poses (n, 3)."""
-    recording = source.recording
-    estimator = FastEstimator(settings, recording.map_T_start)
-    noise = recording.odometry_noise
-    wheels = OdometryAccumulator(noise) if noise is not None else None
-    poses = []
-    for measurement in recording.measurements:
-        if isinstance(measurement, WheelOdometry):
-            assert wheels is not None
-            wheels.add(measurement)
-        elif isinstance(measurement, Perceptions):
-            step = estimator.step(measurement, wheels.take() if wheels else None)
-            poses.append(step.map_T_base.pose.as_array())
-    return estimator, np.array(poses)
+SCAN_NS = 100_000_000
+START = Pose2(2.0, -1.0, 0.5)
+BEST = FastSettings.model_validate({"rules": "best"})
+PAPER = FastSettings.model_validate({"rules": "paper"})
+BOTH_RULES = pytest.mark.parametrize("settings", [BEST, PAPER])
 
 
-def path_errors(source: Source, poses: np.ndarray) -> np.ndarray:
-    assert source.truth.path is not None
-    offsets = poses[:, :2] - source.truth.path.world_t_reference
-    return np.hypot(offsets[:, 0], offsets[:, 1])
+def arc(num_scans: int, radius_m: float = 12.0, turn: float = 0.02) -> list[Pose2]:
+    """Poses counter-clockwise on a circle that begins at START."""
+    step = Pose2(radius_m * math.sin(turn), radius_m * (1.0 - math.cos(turn)), turn)
+    poses = [START]
+    while len(poses) < num_scans:
+        poses.append(poses[-1] @ step)
+    return poses
 
 
-@pytest.mark.parametrize("rules", Rules)
-@pytest.mark.parametrize("odometry", [False, True])
-def test_drift_stays_small_and_shrinks_when_the_start_is_seen_again(
-    rules: Rules, *, odometry: bool
-) -> None:
-    source = read("paper", CourseOptions(seed=2, odometry=odometry))
-    estimator, poses = follow(source, FastSettings(rules=rules))
-    errors = path_errors(source, poses)
-    assert errors.max() < 0.5
-    assert errors[-1] < 0.5 * errors.max()
-    assert len(estimator.navigation_map) == pytest.approx(120, abs=3)
+def stand(seed: int = 0) -> FloatArray:
+    """Trees (n, 2) at least 2 m apart, around the circle of `arc`."""
+    rng = np.random.default_rng(seed)
+    axis = np.arange(-28.0, 29.0, 4.0)
+    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    return START.transform(grid + rng.uniform(-1.0, 1.0, grid.shape) + (0.0, 12.0))
 
 
-def test_nearly_perfect_perceptions_are_followed_nearly_exactly() -> None:
-    options = CourseOptions(
-        seed=1,
-        range_sigma_m=1e-5,
-        bearing_sigma_rad=1e-6,
-        missed=0.0,
-        lap_s=20.0,
-        scan_rate_hz=10.0,
+def seen(k: int, map_T_base: Pose2, trees: FloatArray, reach_m: float = 12.0) -> Perceptions:
+    """Scan k without any noise, of all trees in reach."""
+    polar = predict(map_T_base, trees)
+    polar = polar[polar[:, 0] < reach_m]
+    sigmas = np.tile([0.03, 0.005], (len(polar), 1))
+    return Perceptions.from_arrays(
+        k * SCAN_NS, Kind.TREE, polar[:, 0], polar[:, 1], polar_covariances(*sigmas.T)
     )
-    source = read("paper", options)
-    _, poses = follow(source, FastSettings())
-    assert path_errors(source, poses).max() < 1e-3
 
 
-def test_clutter_does_not_lead_astray() -> None:
-    source = read("paper", CourseOptions(seed=4, clutter=3.0))
-    _, poses = follow(source, FastSettings())
-    assert path_errors(source, poses).max() < 0.5
+def exact_wheels(poses: Sequence[Pose2]) -> list[UncertainPose2]:
+    covariance = np.diag([1e-2**2, 1e-2**2, 5e-3**2])
+    still = UncertainPose2(Pose2(), 1e-12 * np.eye(3))
+    return [still, *(UncertainPose2(a.between(b), covariance) for a, b in pairwise(poses))]
 
 
-def test_scans_without_perceptions_say_so_and_the_motion_model_carries_on() -> None:
-    source = read("paper", CourseOptions(seed=3))
-    estimator = FastEstimator(FastSettings(), source.recording.map_T_start)
-    scans = [each for each in source.recording.measurements if isinstance(each, Perceptions)]
-    for scan in scans[:20]:
-        assert estimator.step(scan, None).map_T_base is not None
-    nothing = scans[20].select(np.zeros(len(scans[20]), dtype=np.bool_))
-    blind = estimator.step(nothing, None)
-    assert blind.closed_form == NoEstimate(NoEstimateReason.NO_PERCEPTIONS)
-    truth = source.truth.path
-    assert truth is not None
-    offset = blind.map_T_base.pose.as_array()[:2] - truth.world_t_reference[20]
-    assert np.linalg.norm(offset) < 0.1
-    assert isinstance(estimator.step(scans[21], None).closed_form, Alignment)
+def followed(
+    settings: FastSettings,
+    scans: Sequence[Perceptions],
+    wheels: Sequence[UncertainPose2] | None = None,
+    start: Pose2 = START,
+) -> tuple[list[FastStep], FastEstimator]:
+    estimator = FastEstimator(settings, start)
+    motions = [None] * len(scans) if wheels is None else wheels
+    steps = [estimator.step(scan, wheel) for scan, wheel in zip(scans, motions, strict=True)]
+    return steps, estimator
 
 
-def test_moving_the_world_moves_the_estimate() -> None:
-    source = read("paper", CourseOptions(seed=5, lap_s=10.0))
-    scans = [each for each in source.recording.measurements if isinstance(each, Perceptions)][:40]
-    world = Pose2(100.0, -50.0, 1.1)
-    here = FastEstimator(FastSettings(), Pose2())
-    there = FastEstimator(FastSettings(), world)
-    for scan in scans:
-        one = world @ here.step(scan, None).map_T_base.pose
-        other = there.step(scan, None).map_T_base.pose
-        np.testing.assert_allclose(one.between(other).as_array(), 0.0, atol=1e-6)
+def errors(steps: Sequence[FastStep], poses: Sequence[Pose2]) -> FloatArray:
+    """(n, 3) of the estimates, in their own frames."""
+    return np.array(
+        [
+            step.map_T_base.pose.between(pose).as_array()
+            for step, pose in zip(steps, poses, strict=True)
+        ]
+    )
 
 
-def test_a_short_memory_forgets_and_an_identity_does_not() -> None:
-    def scan(stamp_ns: int, identity: str) -> Perceptions:
-        return Perceptions.from_arrays(
-            stamp_ns,
-            Kind.MARKER,
-            np.array([4.0]),
-            np.array([0.0]),
-            np.tile(np.diag([1e-4, 1e-6]), (1, 1, 1)),
-            identities=np.array([identity], dtype=np.str_),
+def course(seed: int) -> Source:
+    return read("paper", CourseOptions.model_validate({"seed": seed, "num_trees": 80}))
+
+
+def course_scans(source: Source) -> list[Perceptions]:
+    return [part for part in source.recording.measurements if isinstance(part, Perceptions)]
+
+
+@BOTH_RULES
+def test_exact_perceptions_and_wheels_are_followed_exactly(settings: FastSettings) -> None:
+    poses, trees = arc(150), stand()
+    scans = [seen(k, pose, trees) for k, pose in enumerate(poses)]
+    steps, estimator = followed(settings, scans, exact_wheels(poses))
+    np.testing.assert_allclose(errors(steps, poses), 0.0, atol=1e-7)
+    assert all(isinstance(step.closed_form, Alignment) for step in steps[1:])
+    assert [step.stamp_ns for step in steps] == [scan.stamp_ns for scan in scans]
+    for landmark in estimator.navigation_map:
+        assert np.hypot(*(trees - landmark.map_t_landmark).T).min() < 1e-7
+
+
+def test_the_closed_form_alone_follows_exact_perceptions_exactly() -> None:
+    """The paper's rules take nothing from the motion model once two landmarks match."""
+    poses, trees = arc(150), stand(1)
+    steps, _ = followed(PAPER, [seen(k, pose, trees) for k, pose in enumerate(poses)])
+    np.testing.assert_allclose(errors(steps, poses), 0.0, atol=1e-7)
+
+
+def test_a_start_from_standstill_is_caught_up_with() -> None:
+    """Without wheels the prior first says that the robot stands: centimetres, not more."""
+    poses, trees = arc(150), stand(2)
+    steps, _ = followed(BEST, [seen(k, pose, trees) for k, pose in enumerate(poses)])
+    off = np.abs(errors(steps, poses))
+    assert off[:, :2].max() < 0.05
+    assert off[:, 2].max() < 0.01
+
+
+@BOTH_RULES
+@pytest.mark.parametrize("world_T_map", [Pose2(137.0, -64.0, 2.3), Pose2(-3.0, 8.0, -0.7)])
+def test_moving_the_world_moves_the_estimate(settings: FastSettings, world_T_map: Pose2) -> None:
+    source = course(3)
+    scans, start = course_scans(source)[:120], source.recording.map_T_start
+    here, map_here = followed(settings, scans, start=start)
+    there, map_there = followed(settings, scans, start=world_T_map @ start)
+    moved = [world_T_map @ step.map_T_base.pose for step in here]
+    np.testing.assert_allclose(errors(there, moved), 0.0, atol=1e-7)
+    for one, other in zip(here, there, strict=True):
+        np.testing.assert_array_equal(one.landmark_ids, other.landmark_ids)
+        np.testing.assert_allclose(
+            one.map_T_base.covariance, other.map_T_base.covariance, atol=1e-9
         )
+    ids = np.arange(len(map_here.navigation_map))
+    np.testing.assert_allclose(
+        map_there.navigation_map.positions(ids),
+        world_T_map.transform(map_here.navigation_map.positions(ids)),
+        atol=1e-7,
+    )
 
-    noise = OdometryAccumulator(OdometryNoise())
-    for identity, same in (("", False), ("7", True)):
-        estimator = FastEstimator(FastSettings(memory_m=1.0), Pose2())
-        first = estimator.step(scan(0, identity), noise.take())
-        noise.add(WheelOdometry(0, Pose2()))
-        noise.add(WheelOdometry(1, Pose2(5.0, 0.0, 0.0)))
-        away = scan(10**9, identity).select(np.zeros(1, dtype=np.bool_))
-        estimator.step(away, noise.take())
-        noise.add(WheelOdometry(2, Pose2()))
-        again = estimator.step(scan(2 * 10**9, identity), noise.take())
-        assert (first.landmark_ids[0] == again.landmark_ids[0]) == same
+
+@BOTH_RULES
+def test_the_order_of_perceptions_changes_nothing(settings: FastSettings) -> None:
+    source = course(4)
+    scans, rng = course_scans(source)[:120], np.random.default_rng(0)
+    orders = [rng.permutation(len(scan)) for scan in scans]
+    shuffled = [scan.select(order) for scan, order in zip(scans, orders, strict=True)]
+    start = source.recording.map_T_start
+    one, other = (followed(settings, some, start=start)[0] for some in (scans, shuffled))
+    np.testing.assert_allclose(
+        errors(other, [step.map_T_base.pose for step in one]), 0.0, atol=1e-7
+    )
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_the_map_of_a_course_has_every_tree_once(seed: int) -> None:
+    source = course(seed)
+    assert source.truth.associations is not None
+    assert source.truth.path is not None
+    scans = course_scans(source)
+    steps, estimator = followed(BEST, scans, start=source.recording.map_T_start)
+    pairs = {
+        (landmark_id, tree)
+        for step in steps
+        for landmark_id, tree in zip(
+            step.landmark_ids.tolist(),
+            source.truth.associations[step.stamp_ns].tolist(),
+            strict=True,
+        )
+        if landmark_id >= 0
+    }
+    ids, trees = (sorted(pair[k] for pair in pairs) for k in (0, 1))
+    assert ids == list(range(len(estimator.navigation_map)))
+    assert len(set(trees)) == len(trees)
+    last = steps[-1].map_T_base.pose
+    assert np.hypot(*(source.truth.path.world_t_reference[-1] - (last.x, last.y))) < 0.1
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_the_paper_rules_close_the_loop_of_a_course(seed: int) -> None:
+    source = course(seed)
+    assert source.truth.path is not None
+    steps, _ = followed(PAPER, course_scans(source), start=source.recording.map_T_start)
+    positions = np.array([step.map_T_base.pose.as_array()[:2] for step in steps])
+    off = np.hypot(*(positions - source.truth.path.world_t_reference).T)
+    assert off.max() < 0.6
+    assert off[-1] < 0.1
+
+
+@BOTH_RULES
+def test_empty_scans_are_survived_by_the_motion_model(settings: FastSettings) -> None:
+    poses, trees = arc(80), stand()
+    scans = [seen(k, pose, trees) for k, pose in enumerate(poses)]
+    for k in range(40, 45):
+        scans[k] = scans[k].select(np.zeros(0, dtype=np.int64))
+    steps, estimator = followed(settings, scans)
+    for k in range(40, 45):
+        assert steps[k].closed_form == NoEstimate(NoEstimateReason.NO_PERCEPTIONS)
+        assert len(steps[k].landmark_ids) == 0
+    variances = [float(steps[k].map_T_base.covariance[0, 0]) for k in range(39, 45)]
+    assert variances == sorted(variances)
+    assert np.abs(errors(steps, poses)).max() < 0.1
+    assert isinstance(steps[45].closed_form, Alignment)
+    assert (estimator.navigation_map.num_sightings(np.arange(5)) > 1).all()
+
+
+@BOTH_RULES
+def test_a_gap_in_time_is_bridged_by_the_last_movement(settings: FastSettings) -> None:
+    poses, trees = arc(120), stand()
+    kept = [k for k in range(120) if not 50 <= k < 58]
+    scans = [seen(k, poses[k], trees) for k in kept]
+    steps, _ = followed(settings, scans)
+    assert np.abs(errors(steps, [poses[k] for k in kept])).max() < 0.1
+    ids = {step.stamp_ns: step.landmark_ids for step in steps}
+    assert len(np.intersect1d(ids[49 * SCAN_NS], ids[58 * SCAN_NS])) > 5
+
+
+@BOTH_RULES
+@pytest.mark.parametrize(
+    ("num_kept", "reason"),
+    [(0, NoEstimateReason.NO_PERCEPTIONS), (1, NoEstimateReason.TOO_FEW_MATCHES)],
+)
+def test_too_little_in_sight_is_told_and_the_motion_carries_on(
+    settings: FastSettings, num_kept: int, reason: NoEstimateReason
+) -> None:
+    poses, trees = arc(60), stand()
+    scans = [seen(k, pose, trees) for k, pose in enumerate(poses)]
+    scans[30] = scans[30].select(np.arange(num_kept))
+    steps, _ = followed(settings, scans, exact_wheels(poses))
+    assert steps[30].closed_form == NoEstimate(reason)
+    np.testing.assert_allclose(errors(steps, poses), 0.0, atol=1e-7)
+
+
+def test_landmarks_too_close_together_give_no_heading() -> None:
+    close = np.array([[6.0, 0.0], [6.0, 1.02]])
+    settings = FastSettings.model_validate({"map_sigma_m": 1.5})
+    scans = [seen(k, Pose2(), close) for k in range(2)]
+    steps, _ = followed(settings, scans, start=Pose2())
+    assert steps[1].closed_form == NoEstimate(NoEstimateReason.DEGENERATE_GEOMETRY)
+    np.testing.assert_array_equal(steps[1].landmark_ids, [0, 1])
+
+
+@BOTH_RULES
+def test_a_run_without_any_perception_stays_at_the_start(settings: FastSettings) -> None:
+    scans = [seen(k, START, np.zeros((0, 2))) for k in range(20)]
+    steps, estimator = followed(settings, scans)
+    assert len(estimator.navigation_map) == 0
+    np.testing.assert_allclose(errors(steps, [START] * 20), 0.0, atol=1e-12)
+
+
+def test_one_landmark_tells_more_than_the_motion_alone() -> None:
+    """BEST fuses the single match that the closed form cannot use."""
+    tree = START.transform(np.array([[6.0, 2.0]]))
+    poses = arc(2)
+    scans = [seen(k, pose, tree) for k, pose in enumerate(poses)]
+    steps, _ = followed(BEST, scans)
+    assert steps[1].closed_form == NoEstimate(NoEstimateReason.TOO_FEW_MATCHES)
+    np.testing.assert_array_equal(steps[1].landmark_ids, [0])
+    assert np.linalg.det(steps[1].map_T_base.covariance) < np.linalg.det(steps[1].motion.covariance)
+    stands = START.between(poses[1])
+    off = np.hypot(*errors(steps, poses)[1, :2])
+    assert off < 0.7 * np.hypot(stands.x, stands.y)
+
+
+def test_a_match_that_contradicts_all_others_is_left_out() -> None:
+    poses, trees = arc(30), stand()
+    scans = [seen(k, pose, trees) for k, pose in enumerate(poses)]
+    ranges_m = scans[29].ranges_m.copy()
+    ranges_m[4] += 0.4
+    scans[29] = Perceptions.from_arrays(
+        scans[29].stamp_ns, Kind.TREE, ranges_m, scans[29].bearings, scans[29].covariances
+    )
+    steps, _ = followed(BEST, scans, exact_wheels(poses))
+    np.testing.assert_allclose(errors(steps, poses), 0.0, atol=1e-7)
+    assert steps[29].landmark_ids[4] == -1
+    assert (np.delete(steps[29].landmark_ids, 4) >= 0).all()
+
+
+def test_memory_forgets_what_was_not_sighted_for_its_distance() -> None:
+    """A full turn of 75 m: with a memory of 30 m the first trees are new ones the second time."""
+    poses, trees = arc(340), stand()
+    scans = [seen(k, pose, trees) for k, pose in enumerate(poses)]
+    wheels = exact_wheels(poses)
+    forever, whole = followed(BEST, scans, wheels)
+    short = FastSettings.model_validate({"memory_m": 30.0})
+    forgetful, double = followed(short, scans, wheels)
+    assert len(whole.navigation_map) < len(double.navigation_map)
+    assert set(forever[0].landmark_ids.tolist()) & set(forever[-1].landmark_ids.tolist())
+    far = np.hypot(*(scans[0].base_t_landmarks() - (0.0, 12.0)).T) > 15.0
+    outside = set(forgetful[0].landmark_ids[far].tolist())
+    assert outside
+    assert not outside & {i for step in forgetful[300:] for i in step.landmark_ids.tolist()}
+    for steps in (forever, forgetful):
+        np.testing.assert_allclose(errors(steps, poses), 0.0, atol=1e-7)
+
+
+def test_the_motion_is_the_last_movement_once_more() -> None:
+    poses, trees = arc(40), stand()
+    kept = [k for k in range(40) if k not in (20, 21)]
+    steps, _ = followed(BEST, [seen(k, poses[k], trees) for k in kept])
+    noise = MotionNoise(BEST.acceleration, BEST.angular_acceleration)
+    assert steps[0].motion.pose == steps[1].motion.pose == Pose2()
+    for before, last, now in zip(steps, steps[1:], steps[2:], strict=False):
+        moved = before.map_T_base.pose.between(last.map_T_base.pose)
+        spans = np.diff([step.stamp_ns for step in (before, last, now)]) * 1e-9
+        expected = constant_motion(moved, spans[0], spans[1], noise)
+        np.testing.assert_allclose(now.motion.pose.as_array(), expected.pose.as_array(), atol=1e-12)
+        np.testing.assert_allclose(now.motion.covariance, expected.covariance, rtol=1e-9)
+
+
+def test_the_motion_is_that_of_the_wheels_where_there_are_any() -> None:
+    poses, trees = arc(10), stand()
+    wheels = exact_wheels(poses)
+    steps, _ = followed(BEST, [seen(k, pose, trees) for k, pose in enumerate(poses)], wheels)
+    assert all(step.motion is wheel for step, wheel in zip(steps, wheels, strict=True))
+
+
+def test_wheels_that_are_off_are_corrected_within_the_search_radius() -> None:
+    poses, trees = arc(60), stand()
+    wheels = exact_wheels(poses)
+    off = Pose2(0.4, -0.3, 0.06)
+    wheels[30] = UncertainPose2(wheels[30].pose @ off, np.diag([0.5**2, 0.5**2, 0.1**2]))
+    steps, _ = followed(BEST, [seen(k, pose, trees) for k, pose in enumerate(poses)], wheels)
+    after = steps[30].map_T_base.pose.between(poses[30])
+    assert math.hypot(after.x, after.y) < 0.01
+    assert abs(wrap_angle(after.theta)) < 0.002
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        {"search_radius_m": 0.0},
+        {"search_radius_m": float("nan")},
+        {"insert_radius_m": -1.0},
+        {"memory_m": 0.0},
+        {"sweep_max_rad": 4.0},
+        {"rules": "worst"},
+        {"search_radius": 1.0},
+    ],
+)
+def test_settings_out_of_their_domain_are_refused(setting: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        FastSettings.model_validate(setting)
+
+
+def test_the_defaults_are_the_best_rules_without_forgetting() -> None:
+    settings = FastSettings.model_validate({})
+    assert settings.rules is Rules.BEST
+    assert math.isinf(settings.memory_m)
