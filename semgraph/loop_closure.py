@@ -191,8 +191,10 @@ def duplicates(
         ids, tree.query_ball_point(tree.data, _DUPLICATES_WITHIN_M), strict=True
     ):
         near = [ids[row] for row in rows if ids[row] < recent]
+        if recent not in changed:
+            near = [landmark for landmark in near if landmark in changed]
         old = [landmark for landmark in near if landmarks[recent].may_be(landmarks[landmark])]
-        if old and any(landmark in changed for landmark in (recent, *old)):
+        if old:
             found.extend(_closures(graph, estimate, [recent], old, None, least_log_odds))
     return _disjoint(found)
 

@@ -91,8 +91,8 @@ class Smoother:
         changed = set(self._landmarks)
         while closures := duplicates(self._graph, self._landmarks, changed, odds):
             self._close(closures)
-            self._graph.polish()
             changed = {closure.old for closure in closures}
+        self._graph.polish()
 
     def trajectory(self) -> Trajectory:
         """The smoothed pose of each scan."""
