@@ -12,7 +12,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from semgraph.arrays import FloatArray
+from semgraph.arrays import FloatArray, frozen_floats
 from semgraph.errors import GraphError
 from semgraph.geometry import Pose2, UncertainPose2, frozen_covariance
 
@@ -60,9 +60,14 @@ class GraphEstimate:
 
 
 class FactorGraph:
-    """Poses 0, 1, 2, ... joined by odometry, and the landmarks they sighted."""
+    """Poses 0, 1, 2, ... joined by odometry, and the landmarks they sighted.
+
+    Raises:
+        GraphError: the start has no positive definite covariance.
+    """
 
     def __init__(self, map_T_start: UncertainPose2) -> None:
+        _check_definite("start", map_T_start.covariance)
         self._start = map_T_start
         self._odometry: list[Odometry] = []
         self._sightings: dict[int, list[Sighting]] = {}
@@ -97,7 +102,12 @@ class FactorGraph:
         return tuple(self._sightings[landmark])
 
     def add_pose(self, motion: UncertainPose2, guess: Pose2) -> int:
-        """The index of a new pose, reached from the last one by `motion`; it starts at `guess`."""
+        """The index of a new pose, reached from the last one by `motion`; it starts at `guess`.
+
+        Raises:
+            GraphError: the motion has no positive definite covariance.
+        """
+        _check_definite("motion", motion.covariance)
         index = len(self._pose_guesses)
         odometry = Odometry(index - 1, index, motion)
         self._odometry.append(odometry)
@@ -111,20 +121,30 @@ class FactorGraph:
 
         Raises:
             GraphError: it exists already.
+            InputError: the guess is no finite point.
         """
         if landmark in self._sightings:
             raise GraphError(f"landmark {landmark} is in the graph already")
+        guess = frozen_floats(f"guess of landmark {landmark}", guess, (2,))
         self._sightings[landmark] = []
         self._landmark_guesses[landmark] = guess
-        self._new_values.insert(j=L(landmark), point2=np.asarray(guess, dtype=np.float64))
+        self._new_values.insert(j=L(landmark), point2=guess)
 
     def add_sighting(self, sighting: Sighting) -> None:
         """One more sighting of a landmark that is in the graph.
 
         Raises:
-            GraphError: NaN, a range of zero or below, or a covariance that is none. GTSAM would
-                take them in silence.
+            GraphError: no such pose or landmark, NaN, a range of zero or below, or a covariance
+                that is not positive definite. GTSAM would take them in silence, and the log could
+                never be solved again.
+            InputError: the covariance is no finite symmetric (2, 2).
         """
+        self._check_known(sighting.landmark)
+        if not 0 <= sighting.pose < self.num_poses:
+            raise GraphError(
+                f"sighting of landmark {sighting.landmark}: expected a pose below "
+                f"{self.num_poses}, got {sighting.pose}"
+            )
         _check(sighting)
         self._sightings[sighting.landmark].append(sighting)
         self._queue(sighting)
@@ -133,8 +153,13 @@ class FactorGraph:
         """Makes two landmarks one with the next update: sightings of `gone` become `kept`'s.
 
         Raises:
-            GraphError: factors wait for an update; their places in iSAM2 are not known yet.
+            GraphError: both are the same or one is not in the graph; or factors wait for an
+                update, their places in iSAM2 are not known yet.
         """
+        for landmark in (gone, kept):
+            self._check_known(landmark)
+        if gone == kept:
+            raise GraphError(f"landmark {gone}: expected another one to merge it with")
         if self._new_sightings and any(s.landmark == gone for _, s in self._new_sightings):
             raise GraphError(f"landmark {gone}: update the graph before it is merged")
         for sighting in self._sightings.pop(gone):
@@ -214,6 +239,10 @@ class FactorGraph:
         information = self._isam.joint(keys).hessian(ordering)[0]
         return np.linalg.inv(information)
 
+    def _check_known(self, landmark: int) -> None:
+        if landmark not in self._sightings:
+            raise GraphError(f"landmark {landmark} is not in the graph; add it first")
+
     def _queue(self, sighting: Sighting) -> None:
         self._new_sightings.append((self._new_factors.size(), sighting))
         self._new_factors.add(_sighting_factor(sighting))
@@ -286,7 +315,15 @@ def _check(sighting: Sighting) -> None:
             f"sighting of landmark {sighting.landmark}: expected a positive range and a finite "
             f"bearing, got {sighting.range_m} m and {sighting.bearing} rad"
         )
-    frozen_covariance("sighting covariance", sighting.covariance, 2)
+    covariance = frozen_covariance("sighting covariance", sighting.covariance, 2)
+    _check_definite(f"sighting of landmark {sighting.landmark}", covariance)
+
+
+def _check_definite(name: str, covariance: FloatArray) -> None:
+    try:
+        np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        raise GraphError(f"{name}: expected a positive definite covariance") from None
 
 
 def _prior_factor(map_T_start: UncertainPose2) -> gtsam.PriorFactorPose2:
