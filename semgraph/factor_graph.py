@@ -224,20 +224,12 @@ class FactorGraph:
 
     def landmark_covariance(self, landmarks: Sequence[int]) -> FloatArray:
         """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
-        return self._joint_covariance([L(landmark) for landmark in landmarks])
+        keys = [L(landmark) for landmark in landmarks]
+        return np.asarray(self._isam.jointMarginalCovariance(keys).fullMatrix())
 
     def pose_covariance(self, index: int) -> FloatArray:
         """(3, 3) marginal covariance of a pose, (x, y, theta) in its own frame."""
         return np.asarray(self._isam.marginalCovariance(X(index)))
-
-    def _joint_covariance(self, keys: list[int]) -> FloatArray:
-        if len(keys) == 1:
-            return np.asarray(self._isam.marginalCovariance(keys[0]))
-        ordering = gtsam.Ordering()
-        for key in keys:
-            ordering.push_back(key)
-        information = self._isam.joint(keys).hessian(ordering)[0]
-        return np.linalg.inv(information)
 
     def _check_known(self, landmark: int) -> None:
         if landmark not in self._sightings:
