@@ -280,3 +280,23 @@ def test_the_drive_goes_on_after_a_merge() -> None:
             for landmark in range(4):
                 graph.merge(landmark + 10, landmark)
     assert_same(polished(graph), polished(built(made)))
+
+
+@pytest.mark.parametrize("is_rebuilt", [False, True])
+def test_a_merge_counts_every_sighting_once(*, is_rebuilt: bool) -> None:
+    """Straight from iSAM2: a batch solution would hide a factor that was left behind."""
+    made = drive(9)
+    graph = built(made, name=halves)
+    if is_rebuilt:
+        graph.polish()
+    for landmark in range(4):
+        graph.merge(landmark + 10, landmark)
+    for _ in range(4):
+        graph.update(relinearize=True)
+    np.testing.assert_allclose(
+        graph.pose_covariance(8),
+        polished(built(made)).pose_covariance(8),
+        rtol=5e-3,
+        atol=1e-8,
+    )
+    assert graph.incidents == ()
