@@ -15,7 +15,6 @@ from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
 
 # One object seen twice has one position; this is what its outline leaves open.
 _SAME_PLACE: Final = 0.02**2 * np.eye(2)
-_MAX_SEEDS: Final = 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +53,8 @@ def associate(
     candidates = np.argwhere(allowed & (distances2 <= CHI2_2DOF_999))
     if len(candidates) == 0:
         return ()
-    order = np.argsort(distances2[tuple(candidates.T)], kind="stable")[:_MAX_SEEDS]
+    # Every candidate is a seed: under a drift beyond the spacing none of the nearest is right.
+    order = np.argsort(distances2[tuple(candidates.T)], kind="stable")
     grown = [_grow(space, tuple(candidates[k]), allowed, density) for k in order.tolist()]
     grown.sort(key=lambda hypothesis: -hypothesis[1])
     pairs, log_odds = grown[0]

@@ -1,6 +1,7 @@
 """How the robot moves between two scans: wheel odometry, or the last movement once more."""
 
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
@@ -52,9 +53,16 @@ class OdometryAccumulator:
         return UncertainPose2(motion.pose, motion.covariance + STANDSTILL_COVARIANCE)
 
 
+# The standard deviation of a heading that may be any: uniform over the circle.
+_UNKNOWN_HEADING: Final = np.pi / np.sqrt(3.0)
+
+
 @dataclass(frozen=True, slots=True)
 class MotionNoise:
-    """How much a velocity may change, where nothing measures the motion (1 sigma)."""
+    """How much a velocity may change, where nothing measures the motion (1 sigma).
+
+    After a long gap the speed is as unknown as before the first movement.
+    """
 
     acceleration: float = 2.0
     angular_acceleration: float = 1.5
@@ -75,11 +83,12 @@ def constant_motion(
     """
     if last_seconds <= 0.0:
         sigma_m = noise.unknown_speed * seconds + noise.floor_m
-        sigma_rad = noise.unknown_turn_rate * seconds + noise.floor_rad
+        sigma_rad = min(noise.unknown_turn_rate * seconds + noise.floor_rad, _UNKNOWN_HEADING)
         return UncertainPose2(Pose2(), np.diag([sigma_m**2, sigma_m**2, sigma_rad**2]))
     scale = seconds / last_seconds
     motion = Pose2(last_motion.x * scale, last_motion.y * scale, last_motion.theta * scale)
     span = seconds * max(seconds, last_seconds)
-    sigma_m = noise.acceleration * span + noise.floor_m
-    sigma_rad = noise.angular_acceleration * span + noise.floor_rad
+    sigma_m = min(noise.acceleration * span, noise.unknown_speed * seconds) + noise.floor_m
+    sigma_rad = min(noise.angular_acceleration * span, noise.unknown_turn_rate * seconds)
+    sigma_rad = min(sigma_rad + noise.floor_rad, _UNKNOWN_HEADING)
     return UncertainPose2(motion, np.diag([sigma_m**2, sigma_m**2, sigma_rad**2]))

@@ -99,15 +99,7 @@ def test_joint_compatibility_sees_through_a_drift_larger_than_the_spacing() -> N
     ("drift_m", "nearest_fails"),
     [
         (1.0, 0.2),
-        pytest.param(
-            2.0,
-            0.5,
-            marks=pytest.mark.xfail(
-                reason="the 24 nearest pairs are grown, and beyond 1.5 sigma of drift none of "
-                "them is right: 34 of 1179 sure pairs were wrong over 200 draws, 0 of 1381 when "
-                "all candidates are grown"
-            ),
-        ),
+        (2.0, 0.5),
     ],
 )
 def test_sure_pairs_are_right_where_the_nearest_neighbour_is_not(
