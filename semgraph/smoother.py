@@ -91,8 +91,9 @@ class Smoother:
         changed = set(self._landmarks)
         while closures := duplicates(self._graph, self._landmarks, changed, odds):
             self._close(closures)
+            # Not only for the optimum: in a graph built anew, joint covariances cost a tenth.
+            self._graph.polish()
             changed = {closure.old for closure in closures}
-        self._graph.polish()
 
     def trajectory(self) -> Trajectory:
         """The smoothed pose of each scan."""
