@@ -203,7 +203,7 @@ class FactorGraph:
         params = gtsam.LevenbergMarquardtParams()
         params.setLinearSolverType("MULTIFRONTAL_QR")
         optimizer = gtsam.LevenbergMarquardtOptimizer(graph, self._estimate, params)
-        self._adopt(optimizer.optimize())
+        self._estimate = optimizer.optimize()
         self._rebuild()
 
     def pose(self, index: int) -> Pose2:
@@ -284,9 +284,6 @@ class FactorGraph:
             known = self._estimate.exists(L(landmark))
             values.insert(j=L(landmark), point2=self.landmark(landmark) if known else position)
         return values
-
-    def _adopt(self, values: gtsam.Values) -> None:
-        self._estimate = values
 
 
 def _new_isam() -> gtsam.ISAM2:

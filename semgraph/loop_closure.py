@@ -10,7 +10,7 @@ from semgraph.arrays import BoolArray, FloatArray
 from semgraph.association import associate
 from semgraph.factor_graph import FactorGraph
 from semgraph.landmarks import Kind, Perceptions, SemanticObject, semantic_object
-from semgraph.measurement_model import CHI2_2DOF_999
+from semgraph.measurement_model import CHI2_2DOF_999, diameters_contradict
 
 _MAX_OLD: Final = 20
 _MAX_REACH_M: Final = 40.0
@@ -19,8 +19,6 @@ _DUPLICATES_WITHIN_M: Final = 3.0
 _SURROUNDINGS_M: Final = 20.0
 # How many of a place's landmarks escaped notice at the first pass.
 _UNMAPPED: Final = 0.1
-_ATTRIBUTE_GATE: Final = 9.0
-_LOG_DIAMETER_SIGMA: Final = 0.05
 
 
 @dataclass(slots=True)
@@ -61,17 +59,16 @@ class GraphLandmark:
             return False
         if not self.scans.isdisjoint(other.scans):
             return False
-        if self.diameter_weight == 0.0 or other.diameter_weight == 0.0:
-            return True
-        variance = _LOG_DIAMETER_SIGMA**2 + sum(
-            1.0 / (side.diameter_weight * side.diameter_m**2) for side in (self, other)
-        )
-        return float(np.log(self.diameter_m / other.diameter_m)) ** 2 <= _ATTRIBUTE_GATE * variance
+        return not diameters_contradict(*self.diameter(), *other.diameter())
 
     def semantics(self) -> SemanticObject:
         """The tree, rock or marker that it is."""
-        sigma = self.diameter_weight**-0.5 if self.diameter_weight > 0.0 else np.nan
-        return semantic_object(self.kind, self.diameter_m, sigma, self.identity)
+        return semantic_object(self.kind, *self.diameter(), self.identity)
+
+    def diameter(self) -> tuple[float, float]:
+        """Its mean and sigma in m, NaN where none was perceived."""
+        sigma_m = self.diameter_weight**-0.5 if self.diameter_weight > 0.0 else np.nan
+        return self.diameter_m, sigma_m
 
     def _average(self, diameter_m: float, weight: float) -> None:
         self.diameter_weight += weight
@@ -109,10 +106,15 @@ def find_closures(
     allowed = np.array([[landmarks[a].may_be(landmarks[b]) for b in old] for a in recent])
     if not allowed.any():
         return []
-    concerned = [a for a, row in zip(recent, allowed, strict=True) if row.any()]
-    old = [b for b, column in zip(old, allowed.T, strict=True) if column.any()]
-    allowed = np.array([[landmarks[a].may_be(landmarks[b]) for b in old] for a in concerned])
-    return _closures(graph, estimate, concerned, old, allowed, least_log_odds)
+    rows, columns = np.flatnonzero(allowed.any(axis=1)), np.flatnonzero(allowed.any(axis=0))
+    return _closures(
+        graph,
+        estimate,
+        [recent[row] for row in rows.tolist()],
+        [old[column] for column in columns.tolist()],
+        allowed[np.ix_(rows, columns)],
+        least_log_odds,
+    )
 
 
 def _closures(
@@ -120,15 +122,15 @@ def _closures(
     estimate: dict[int, FloatArray],
     recent: Sequence[int],
     old: Sequence[int],
-    allowed: BoolArray | None,
+    allowed: BoolArray,
     least_log_odds: float,
 ) -> list[Closure]:
-    """The pairs of both sides that are sure enough; `allowed` None allows every pair."""
+    """The pairs of both sides that are sure enough, among those that `allowed` (a, b) permits."""
     differences = np.array([[estimate[a] - estimate[b] for b in old] for a in recent])
     pairs = associate(
         differences,
         graph.landmark_covariance([*recent, *old]),
-        np.ones(differences.shape[:2], dtype=np.bool_) if allowed is None else allowed,
+        allowed,
         _density(estimate, recent),
     )
     return [
@@ -195,7 +197,8 @@ def duplicates(
             near = [landmark for landmark in near if landmark in changed]
         old = [landmark for landmark in near if landmarks[recent].may_be(landmarks[landmark])]
         if old:
-            found.extend(_closures(graph, estimate, [recent], old, None, least_log_odds))
+            every = np.ones((1, len(old)), dtype=np.bool_)
+            found.extend(_closures(graph, estimate, [recent], old, every, least_log_odds))
     return _disjoint(found)
 
 

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Final
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -10,11 +9,8 @@ from scipy.optimize import linear_sum_assignment
 from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.geometry import Pose2, rotation
 from semgraph.landmarks import Kind, Perceptions
+from semgraph.measurement_model import diameters_contradict
 from semgraph.navigation_map import NavigationMap
-
-# Attributes of one object may differ by three sigma; 5 % is what a trunk itself varies.
-_ATTRIBUTE_GATE: Final = 9.0
-_LOG_DIAMETER_SIGMA: Final = 0.05
 
 
 class Assignment(Enum):
@@ -133,14 +129,12 @@ def match(
 def compatible(perceptions: Perceptions, near: LocalMap) -> BoolArray:
     """(n, m) whether a perception may be a landmark by kind, identity and diameter."""
     same_kind = perceptions.kinds[:, None] == near.kinds[None, :]
-    with np.errstate(invalid="ignore"):
-        log_ratio = np.log(perceptions.diameters_m[:, None] / near.diameters_m[None, :])
-        variances = (
-            (perceptions.diameter_sigmas_m / perceptions.diameters_m)[:, None] ** 2
-            + (near.diameter_sigmas_m / near.diameters_m)[None, :] ** 2
-            + _LOG_DIAMETER_SIGMA**2
-        )
-        contradicts = log_ratio**2 > _ATTRIBUTE_GATE * variances
+    contradicts = diameters_contradict(
+        perceptions.diameters_m[:, None],
+        perceptions.diameter_sigmas_m[:, None],
+        near.diameters_m[None, :],
+        near.diameter_sigmas_m[None, :],
+    )
     allowed: BoolArray = same_kind & ~contradicts
     named = perceptions.identities != ""
     if named.any():

@@ -1,15 +1,21 @@
-"""The one h(x) of a sighting, its Jacobians and gates, shared by all estimators."""
+"""The h(x) of a sighting, its Jacobians, and the gates that all estimators share.
+
+The graph's own h(x) is GTSAM's bearing-range factor.
+"""
 
 from typing import Final
 
 import numpy as np
 
-from semgraph.arrays import FloatArray
+from semgraph.arrays import BoolArray, FloatArray
 from semgraph.geometry import Pose2, wrap_angle
 
 # Chi-square quantiles of 2 degrees of freedom, the gates of one sighting.
 CHI2_2DOF_99: Final = 9.2103
 CHI2_2DOF_999: Final = 13.8155
+# Diameters of one object may differ by three sigma; 5 % is what its outline itself varies.
+_DIAMETER_GATE: Final = 9.0
+_LOG_DIAMETER_SIGMA: Final = 0.05
 
 
 def predict(map_T_base: Pose2, map_t_landmarks: FloatArray) -> FloatArray:
@@ -51,3 +57,19 @@ def mahalanobis2(differences: FloatArray, covariances: FloatArray) -> FloatArray
     solved = np.linalg.solve(covariances, differences[..., None])[..., 0]
     distances2: FloatArray = np.einsum("...k,...k->...", differences, solved)
     return distances2
+
+
+def diameters_contradict(
+    first_m: FloatArray | float,
+    first_sigmas_m: FloatArray | float,
+    second_m: FloatArray | float,
+    second_sigmas_m: FloatArray | float,
+) -> BoolArray:
+    """Whether diameters (broadcast together) cannot be of one object; an unknown one (NaN) can."""
+    with np.errstate(invalid="ignore"):
+        variances = (
+            (first_sigmas_m / first_m) ** 2
+            + (second_sigmas_m / second_m) ** 2
+            + _LOG_DIAMETER_SIGMA**2
+        )
+        return np.asarray(np.log(first_m / second_m) ** 2 > _DIAMETER_GATE * variances)

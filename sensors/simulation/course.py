@@ -10,6 +10,7 @@ from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.errors import InputError
 from semgraph.geometry import Pose2, relative_poses, wrap_angle
 from semgraph.landmarks import Kind, Perceptions, polar_covariances
+from semgraph.motion_model import odometry_covariance
 from sensors.measurements import Measurement, OdometryNoise, Recording, WheelOdometry
 from sensors.truth import Source, TrueLandmarks, TruePath, Truth
 
@@ -141,15 +142,8 @@ def _wheels(
     """What the wheels say, integrated, by stamp."""
     noise = OdometryNoise()
     motions = relative_poses(poses[:-1], poses[1:])
-    distance = np.hypot(motions[:, 0], motions[:, 1])
-    turned = np.abs(motions[:, 2])
-    heading = noise.heading_per_sqrt_m**2 * distance + noise.heading_per_sqrt_rad**2 * turned
-    sigmas = np.column_stack(
-        [
-            noise.along_per_sqrt_m * np.sqrt(distance),
-            noise.across_per_sqrt_m * np.sqrt(distance),
-            np.sqrt(heading),
-        ]
+    sigmas = np.sqrt(
+        [np.diag(odometry_covariance(Pose2.from_array(motion), noise)) for motion in motions]
     )
     steps = motions + sigmas * rng.standard_normal(motions.shape)
     odom_T_base = Pose2()
