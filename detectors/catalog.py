@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
@@ -30,7 +31,7 @@ def detector_settings(name: str) -> type[BaseModel]:
     return _load(name).settings
 
 
-def create_detector(name: str, settings: Mapping[str, object]) -> Detector:
+def create_detector(name: str, settings: Mapping[str, object]) -> Detector[Any]:
     """A detector built from `settings`; what is left out has its default.
 
     Raises:

@@ -95,7 +95,10 @@ def look(world: World, world_T_laser: Pose2, device: Lms151, rng: np.random.Gene
 
 
 def judge_detector(
-    trials: Sequence[Trial], detector: Detector, things: Sequence[Thing], min_reliability: float
+    trials: Sequence[Trial],
+    detector: Detector[LaserScan],
+    things: Sequence[Thing],
+    min_reliability: float,
 ) -> Outcomes:
     """What became of the first of `things`, and of every perception at least this reliable.
 
@@ -108,7 +111,7 @@ def judge_detector(
 
 
 def _judge(
-    trial: Trial, detector: Detector, things: Sequence[Thing], min_reliability: float
+    trial: Trial, detector: Detector[LaserScan], things: Sequence[Thing], min_reliability: float
 ) -> Outcomes:
     perceptions = detector.detect(trial.scan)
     perceptions = perceptions.select(perceptions.reliabilities >= min_reliability)

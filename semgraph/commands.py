@@ -85,7 +85,7 @@ def view(folder: Path) -> None:
 
 def _effective(
     source: str, recording: Recording, settings: Settings
-) -> tuple[Detector | None, dict[str, Any]]:
+) -> tuple[Detector[Any] | None, dict[str, Any]]:
     """The detector of a recording, and all settings as they hold, defaults included."""
     effective = settings.model_dump(mode="json")
     options = source_options(source).model_validate(settings.source)

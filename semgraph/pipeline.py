@@ -25,7 +25,7 @@ Moment = tuple[Perceptions, UncertainPose2 | None]
 def run(
     recording: Recording,
     settings: Settings,
-    detector: Detector | None,
+    detector: Detector[Any] | None,
     report: Callable[[int], None],
     effective_settings: dict[str, Any],
 ) -> RunResult:
@@ -75,7 +75,7 @@ def run(
     )
 
 
-def moments(recording: Recording, detector: Detector | None) -> Iterator[Moment]:
+def moments(recording: Recording, detector: Detector[Any] | None) -> Iterator[Moment]:
     """What the estimators see, scan by scan, relative to base.
 
     Raises:
@@ -92,7 +92,7 @@ def moments(recording: Recording, detector: Detector | None) -> Iterator[Moment]
 
 
 def _perceive(
-    measurement: Perceptions | LaserScan, detector: Detector | None, name: str
+    measurement: Perceptions | LaserScan, detector: Detector[Any] | None, name: str
 ) -> Perceptions:
     if isinstance(measurement, Perceptions):
         return measurement
