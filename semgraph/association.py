@@ -6,15 +6,11 @@ excuse for a pair that contradicts the others.
 """
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from semgraph.arrays import BoolArray, FloatArray
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
-
-# One object seen twice has one position; this is what its outline leaves open.
-_SAME_PLACE: Final = 0.02**2 * np.eye(2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +31,7 @@ def associate(
     covariance: FloatArray,
     allowed: BoolArray,
     density: float,
+    same_place: FloatArray,
 ) -> tuple[Pair, ...]:
     """The most probable pairs of landmarks in sight and landmarks of the map.
 
@@ -43,12 +40,14 @@ def associate(
         covariance: (2a + 2b, 2a + 2b) m2 joint of recent then old positions.
         allowed: (a, b) whether kinds, attributes and common sightings permit the pair.
         density: of landmarks, per m2: how easily an unknown one stands there by chance.
+        same_place: (a, b) m2 > 0 how far the centres of one object seen from two sides may differ,
+            a variance along each axis.
 
     Each pair adds ln N(difference; 0, S) - ln density, S given all pairs before it: by the chain
     rule the sum is the joint log likelihood ratio. Source: Neira and Tardos 2001 for joint
     compatibility; the odds and the margin are this project's.
     """
-    space = _Differences(differences, covariance)
+    space = _Differences(differences, covariance, same_place)
     distances2 = mahalanobis2(space.mean, space.covariances())
     candidates = np.argwhere(allowed & (distances2 <= CHI2_2DOF_999))
     if len(candidates) == 0:
@@ -90,9 +89,10 @@ def _rival(pair: tuple[int, int], grown: list[tuple[list[tuple[int, int]], float
 class _Differences:
     """The joint Gaussian over all differences recent minus old, to be conditioned step by step."""
 
-    def __init__(self, differences: FloatArray, joint: FloatArray) -> None:
+    def __init__(self, differences: FloatArray, joint: FloatArray, same_place: FloatArray) -> None:
         self.mean = differences
         self._joint = joint
+        self._same_place = same_place[:, :, None, None] * np.eye(2)
         self._split = 2 * differences.shape[0]
 
     def covariances(self) -> FloatArray:
@@ -103,7 +103,7 @@ class _Differences:
         old = self._joint[k:, k:].reshape(b, 2, b, 2)[np.arange(b), :, np.arange(b), :]
         cross = self._joint[:k, k:].reshape(a, 2, b, 2).transpose(0, 2, 1, 3)
         total: FloatArray = (
-            recent[:, None] + old[None, :] - cross - cross.transpose(0, 1, 3, 2) + _SAME_PLACE
+            recent[:, None] + old[None, :] - cross - cross.transpose(0, 1, 3, 2) + self._same_place
         )
         return total
 
@@ -112,13 +112,14 @@ class _Differences:
         k = self._split
         rows, columns = slice(2 * recent, 2 * recent + 2), slice(k + 2 * old, k + 2 * old + 2)
         by_difference = self._joint[:, rows] - self._joint[:, columns]
-        S = by_difference[rows] - by_difference[columns] + _SAME_PLACE
+        S = by_difference[rows] - by_difference[columns] + self._same_place[recent, old]
         gain = by_difference @ np.linalg.inv(S)
         shift = (gain @ -self.mean[recent, old]).reshape(-1, 2)
         num_recent = len(self.mean)
         return _Differences(
             self.mean + shift[:num_recent, None] - shift[None, num_recent:],
             self._joint - gain @ by_difference.T,
+            self._same_place[:, :, 0, 0],
         )
 
 

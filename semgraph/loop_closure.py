@@ -1,6 +1,6 @@
 """Finds landmarks that are one object: where older ones are in sight again, a loop closes."""
 
-from collections.abc import Sequence, Set
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -17,6 +17,9 @@ _MAX_REACH_M: Final = 40.0
 _LEAST_REACH_M: Final = 2.0
 _DUPLICATES_WITHIN_M: Final = 3.0
 _SURROUNDINGS_M: Final = 20.0
+_BATCH: Final = 60
+# What the outline of even a round trunk leaves open of its centre.
+_LEAST_OUTLINE_M: Final = 0.014
 # How many of a place's landmarks escaped notice at the first pass.
 _UNMAPPED: Final = 0.1
 
@@ -28,8 +31,10 @@ class GraphLandmark:
     kind: Kind
     identity: str
     scans: set[int] = field(default_factory=set)
+    num_views: int = 0
     diameter_m: float = np.nan
     diameter_weight: float = 0.0
+    num_diameters: int = 0
     unreliability: float = 1.0
 
     @property
@@ -44,14 +49,16 @@ class GraphLandmark:
         diameter_m = float(perceptions.diameters_m[row])
         if np.isfinite(diameter_m):
             weight = float(perceptions.diameter_sigmas_m[row]) ** -2
-            self._average(diameter_m, weight)
+            self.num_views = max(self.num_views, 1)
+            self._average(diameter_m, weight, 1)
 
     def absorb(self, other: "GraphLandmark") -> None:
         """Takes over all that was known of another landmark which is the same object."""
         self.scans |= other.scans
+        self.num_views += other.num_views
         self.unreliability *= other.unreliability
-        if other.diameter_weight > 0.0:
-            self._average(other.diameter_m, other.diameter_weight)
+        if other.num_diameters > 0:
+            self._average(other.diameter_m, other.diameter_weight, other.num_diameters)
 
     def may_be(self, other: "GraphLandmark") -> bool:
         """Whether nothing but the position could speak against both being one object."""
@@ -66,11 +73,25 @@ class GraphLandmark:
         return semantic_object(self.kind, *self.diameter(), self.identity)
 
     def diameter(self) -> tuple[float, float]:
-        """Its mean and sigma in m, NaN where none was perceived."""
-        sigma_m = self.diameter_weight**-0.5 if self.diameter_weight > 0.0 else np.nan
-        return self.diameter_m, sigma_m
+        """Its mean and sigma in m, NaN where none was perceived.
 
-    def _average(self, diameter_m: float, weight: float) -> None:
+        However often one side of a thing is perceived, it stays one side: only views from several
+        tracks make the mean surer.
+        """
+        if self.num_diameters == 0:
+            return np.nan, np.nan
+        return self.diameter_m, self._diameter_sigma_m() * self.num_views**-0.5
+
+    def outline_sigma_m(self) -> float:
+        """How far its centre may seem off from one side: as far as its diameter seems wrong."""
+        return max(_LEAST_OUTLINE_M, self._diameter_sigma_m() if self.num_diameters else 0.0)
+
+    def _diameter_sigma_m(self) -> float:
+        """Of one perception (the harmonic mean of the variances)."""
+        return float((self.num_diameters / self.diameter_weight) ** 0.5)
+
+    def _average(self, diameter_m: float, weight: float, count: int) -> None:
+        self.num_diameters += count
         self.diameter_weight += weight
         before = np.nan_to_num(self.diameter_m)
         self.diameter_m = before + weight / self.diameter_weight * (diameter_m - before)
@@ -107,31 +128,40 @@ def find_closures(
     if not allowed.any():
         return []
     rows, columns = np.flatnonzero(allowed.any(axis=1)), np.flatnonzero(allowed.any(axis=0))
+    recent = [recent[row] for row in rows.tolist()]
+    old = [old[column] for column in columns.tolist()]
     return _closures(
-        graph,
+        landmarks,
         estimate,
-        [recent[row] for row in rows.tolist()],
-        [old[column] for column in columns.tolist()],
+        recent,
+        old,
+        graph.landmark_covariance([*recent, *old]),
         allowed[np.ix_(rows, columns)],
         least_log_odds,
     )
 
 
 def _closures(
-    graph: FactorGraph,
+    landmarks: dict[int, GraphLandmark],
     estimate: dict[int, FloatArray],
     recent: Sequence[int],
     old: Sequence[int],
+    covariance: FloatArray,
     allowed: BoolArray,
     least_log_odds: float,
 ) -> list[Closure]:
     """The pairs of both sides that are sure enough, among those that `allowed` (a, b) permits."""
     differences = np.array([[estimate[a] - estimate[b] for b in old] for a in recent])
+    outlines2 = [
+        np.array([landmarks[each].outline_sigma_m() ** 2 for each in side])
+        for side in (recent, old)
+    ]
     pairs = associate(
         differences,
-        graph.landmark_covariance([*recent, *old]),
+        covariance,
         allowed,
         _density(estimate, recent),
+        outlines2[0][:, None] + outlines2[1][None, :],
     )
     return [
         Closure(recent[pair.recent], old[pair.old], pair.log_odds)
@@ -181,25 +211,71 @@ def duplicates(
 
     Only pairs with one of `changed` are looked at.
     """
+    estimate = graph.estimate().map_t_landmarks
+    found: list[Closure] = []
+    for batch in _batches(_suspects(landmarks, estimate, changed)):
+        members = sorted({landmark for recent, old in batch for landmark in (recent, *old)})
+        joint = graph.landmark_covariance(members)
+        for recent, group in _with_rivals(landmarks, batch):
+            rows = 2 * np.searchsorted(members, [recent, *group])
+            rows = np.column_stack([rows, rows + 1]).ravel()
+            every = np.ones((1, len(group)), dtype=np.bool_)
+            covariance = joint[np.ix_(rows, rows)]
+            found += [
+                closure
+                for closure in _closures(
+                    landmarks, estimate, [recent], group, covariance, every, least_log_odds
+                )
+                if closure.old == group[0]
+            ]
+    return _disjoint(found)
+
+
+def _with_rivals(
+    landmarks: dict[int, GraphLandmark], suspects: Iterable[tuple[int, list[int]]]
+) -> Iterator[tuple[int, list[int]]]:
+    """Each suspect with each landmark that it may be, followed by those that are not that one."""
+    for recent, old in suspects:
+        for one in old:
+            others = (each for each in old if each != one)
+            yield recent, [one, *(x for x in others if not landmarks[one].may_be(landmarks[x]))]
+
+
+def _suspects(
+    landmarks: dict[int, GraphLandmark], estimate: dict[int, FloatArray], changed: Set[int]
+) -> Iterator[tuple[int, list[int]]]:
+    """Each landmark with the earlier ones around that it may be; neighbours follow each other."""
     from scipy.spatial import KDTree
 
-    estimate = graph.estimate().map_t_landmarks
     if len(estimate) < 2:
-        return []
+        return
     ids = list(estimate)
     tree = KDTree(np.array(list(estimate.values())))
-    found: list[Closure] = []
-    for recent, rows in zip(
-        ids, tree.query_ball_point(tree.data, _DUPLICATES_WITHIN_M), strict=True
-    ):
-        near = [ids[row] for row in rows if ids[row] < recent]
+    around = tree.query_ball_point(tree.data, _DUPLICATES_WITHIN_M)
+    for row in tree.indices.tolist():
+        recent = ids[row]
+        near = [ids[other] for other in around[row] if ids[other] < recent]
         if recent not in changed:
             near = [landmark for landmark in near if landmark in changed]
         old = [landmark for landmark in near if landmarks[recent].may_be(landmarks[landmark])]
         if old:
-            every = np.ones((1, len(old)), dtype=np.bool_)
-            found.extend(_closures(graph, estimate, [recent], old, every, least_log_odds))
-    return _disjoint(found)
+            yield recent, old
+
+
+def _batches(
+    suspects: Iterable[tuple[int, list[int]]],
+) -> Iterator[list[tuple[int, list[int]]]]:
+    """Suspects that share a joint covariance, which costs for forty what it costs for two."""
+    batch: list[tuple[int, list[int]]] = []
+    size = 0
+    for recent, old in suspects:
+        if batch and size + 1 + len(old) > _BATCH:
+            yield batch
+            batch, size = [], 0
+        batch.append((recent, old))
+        size += 1 + len(old)
+    if batch:
+        yield batch
 
 
 def _disjoint(closures: list[Closure]) -> list[Closure]:

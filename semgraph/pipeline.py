@@ -1,7 +1,7 @@
 """The loop: measurements in, a followed and smoothed run out. It knows all stages, no device."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from semgraph.fast_estimator import FastEstimator
 from semgraph.geometry import UncertainPose2
 from semgraph.landmarks import Perceptions
 from semgraph.motion_model import OdometryAccumulator
+from semgraph.progress import Report
 from semgraph.results import RunResult
 from semgraph.settings import Settings
 from semgraph.smoother import Smoother
@@ -26,7 +27,7 @@ def run(
     recording: Recording,
     settings: Settings,
     detector: Detector[Any] | None,
-    report: Callable[[int], None],
+    report: Report,
     effective_settings: dict[str, Any],
 ) -> RunResult:
     """The trajectories and the map of a recording.
@@ -35,7 +36,7 @@ def run(
         recording: what the estimators may see.
         settings: of the estimators.
         detector: for recordings of scans.
-        report: called with the number of scans done, for progress.
+        report: told the number of scans done, then what settles.
         effective_settings: kept beside the results.
 
     Raises:
@@ -56,10 +57,10 @@ def run(
         smoother.add(tracker.step(perceptions, odometry), perceptions)
         stamps_ns.append(perceptions.stamp_ns)
         poses.append(step.map_T_base.pose.as_array())
-        report(len(stamps_ns))
+        report.done(len(stamps_ns))
     if not stamps_ns:
         raise InputError(f"{recording.name}: expected scans or perceptions, there are none")
-    smoother.finish()
+    smoother.finish(report.note)
     return RunResult(
         name=recording.name,
         smoothed=smoother.trajectory(),

@@ -5,6 +5,7 @@ A fast estimator with a short memory follows each object while it is in sight; s
 is decided by the graph's own uncertainty, and then both become one.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -83,14 +84,19 @@ class Smoother:
         if len(self._stamps_ns) % self._settings.update_every_scans == 0:
             self._update()
 
-    def finish(self) -> None:
-        """The batch optimum, with duplicates that only the whole run reveals made one."""
-        self._update()
+    def finish(self, note: Callable[[str], None]) -> None:
+        """The batch optimum, with duplicates that only the whole run reveals made one.
+
+        Args:
+            note: told what is being done.
+        """
+        note("settling")
         self._graph.polish()
         odds = float(np.log(self._settings.duplicate_odds))
         changed = set(self._landmarks)
         while closures := duplicates(self._graph, self._landmarks, changed, odds):
-            self._close(closures)
+            note(f"settling, {len(closures)} pairs of landmarks found to be one")
+            self._merge(closures)
             # Not only for the optimum: in a graph built anew, joint covariances cost a tenth.
             self._graph.polish()
             changed = {closure.old for closure in closures}
@@ -195,8 +201,11 @@ class Smoother:
 
     def _close(self, closures: list[Closure]) -> None:
         """Makes each pair one landmark; everything else follows in the next solution."""
-        if not closures:
-            return
+        if closures:
+            self._merge(closures)
+            self._graph.update(relinearize=True)
+
+    def _merge(self, closures: list[Closure]) -> None:
         for closure in closures:
             self._record(closure)
             self._graph.merge(closure.recent, closure.old)
@@ -204,7 +213,6 @@ class Smoother:
             for track in self._tracks.values():
                 if track.landmark == closure.recent:
                     track.landmark, track.known = closure.old, self._landmarks[closure.old]
-        self._graph.update(relinearize=True)
 
     def _record(self, closure: Closure) -> None:
         recent, old = self._landmarks[closure.recent], self._landmarks[closure.old]

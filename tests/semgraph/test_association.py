@@ -8,11 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
+from semgraph import association
 from semgraph.arrays import BoolArray, FloatArray
-from semgraph.association import Pair, associate
+from semgraph.association import Pair
 
 DENSITY = 0.005
-# What associate itself leaves open of one object's place, per axis.
+# What is left open of one object's place, per axis.
 SAME_PLACE = 0.02**2
 OWN_M = 0.05
 
@@ -25,6 +26,18 @@ def drifted(
     covariance = own_m**2 * np.eye(2 * (a + b))
     covariance[: 2 * a, : 2 * a] += drift_m**2 * np.tile(np.eye(2), (a, a))
     return recent[:, None] - old[None], covariance
+
+
+def associate(
+    differences: FloatArray,
+    covariance: FloatArray,
+    allowed: BoolArray,
+    density: float,
+    same_place: float = SAME_PLACE,
+) -> tuple[Pair, ...]:
+    return association.associate(
+        differences, covariance, allowed, density, np.full(allowed.shape, same_place)
+    )
 
 
 def everything(a: int, b: int) -> BoolArray:
@@ -198,6 +211,14 @@ def test_a_wide_uncertainty_alone_convinces_nobody() -> None:
     unsure = associate(*drifted(here, here, 8.0), everything(1, 1), DENSITY)
     assert sure[0].log_odds > np.log(100.0)
     assert max((pair.log_odds for pair in unsure), default=0.0) < np.log(100.0)
+
+
+def test_an_object_of_loose_outline_may_seem_elsewhere_from_its_other_side() -> None:
+    here = np.zeros((1, 2))
+    apart = drifted(here + 0.4, here, 0.02)
+    assert associate(*apart, everything(1, 1), DENSITY) == ()
+    (pair,) = associate(*apart, everything(1, 1), DENSITY, same_place=0.3**2)
+    assert pair.log_odds > 0.0
 
 
 def test_a_denser_stand_asks_for_more_evidence() -> None:

@@ -76,7 +76,18 @@ def test_diameters_are_averaged_by_their_information() -> None:
     semantics = known.semantics()
     assert isinstance(semantics, Tree)
     assert semantics.diameter is not None
-    assert semantics.diameter.sigma_m == pytest.approx((0.02**-2 + 0.04**-2) ** -0.5)
+    single_m = ((0.02**-2 + 0.04**-2) / 2.0) ** -0.5
+    assert semantics.diameter.sigma_m == pytest.approx(single_m)
+    assert known.outline_sigma_m() == pytest.approx(single_m)
+
+
+def test_only_views_from_several_tracks_make_a_diameter_surer() -> None:
+    known = landmark(0, 1, 2, diameter_m=0.3)
+    assert known.diameter() == pytest.approx((0.3, 0.02))
+    known.absorb(landmark(200, 201, diameter_m=0.3))
+    known.absorb(landmark(300))
+    assert known.diameter() == pytest.approx((0.3, 0.02 / np.sqrt(2.0)))
+    assert known.outline_sigma_m() == pytest.approx(0.02)
 
 
 def test_reliability_grows_with_independent_sightings() -> None:

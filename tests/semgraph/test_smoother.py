@@ -12,6 +12,7 @@ from evaluation.metrics import judge
 from semgraph.arrays import FloatArray
 from semgraph.landmarks import Kind, Perceptions
 from semgraph.pipeline import run
+from semgraph.progress import Silence
 from semgraph.results import RunResult
 from semgraph.settings import load_settings
 from sensors.measurements import Measurement, Recording
@@ -42,7 +43,7 @@ class Judged:
 
 
 def ran(recording: Recording) -> RunResult:
-    return run(recording, load_settings(None, []), None, lambda _: None, {})
+    return run(recording, load_settings(None, []), None, Silence(), {})
 
 
 @cache
