@@ -28,31 +28,15 @@ def detector_settings(name: str) -> type[BaseModel]:
     Raises:
         SettingsError: unknown name, or an entry point that cannot be loaded.
     """
-    return _load(name).settings
+    return detector_type(name).settings
 
 
-def create_detector(name: str, settings: Mapping[str, object]) -> Detector[Any]:
-    """A detector built from `settings`; what is left out has its default.
+def detector_type(name: str) -> DetectorType:
+    """What there is to know of a detector before it is built.
 
     Raises:
-        SettingsError: unknown name or setting, a value that a setting cannot take.
+        SettingsError: unknown name, or an entry point that cannot be loaded.
     """
-    kind = _load(name)
-    try:
-        checked = kind.settings.model_validate(dict(settings))
-    except ValidationError as error:
-        raise SettingsError(_one_line(name, kind.settings, error)) from error
-    return kind.build(checked)
-
-
-def _known() -> dict[str, EntryPoint]:
-    """Entry points by name; a name of this package cannot be taken by another."""
-    outside = {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
-    own = {name: EntryPoint(name, value, ENTRY_POINT_GROUP) for name, value in _OWN.items()}
-    return outside | own
-
-
-def _load(name: str) -> DetectorType:
     known = _known()
     if name not in known:
         raise SettingsError(f"detector: unknown name {name!r}; {_nearest(name, known)}")
@@ -66,6 +50,27 @@ def _load(name: str) -> DetectorType:
             f"detector {name}: expected {point.value} to be a DetectorType, got {kind!r}"
         )
     return kind
+
+
+def create_detector(name: str, settings: Mapping[str, object]) -> Detector[Any]:
+    """A detector built from `settings`; what is left out has its default.
+
+    Raises:
+        SettingsError: unknown name or setting, a value that a setting cannot take.
+    """
+    kind = detector_type(name)
+    try:
+        checked = kind.settings.model_validate(dict(settings))
+    except ValidationError as error:
+        raise SettingsError(_one_line(name, kind.settings, error)) from error
+    return kind.build(checked)
+
+
+def _known() -> dict[str, EntryPoint]:
+    """Entry points by name; a name of this package cannot be taken by another."""
+    outside = {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
+    own = {name: EntryPoint(name, value, ENTRY_POINT_GROUP) for name, value in _OWN.items()}
+    return outside | own
 
 
 def _one_line(name: str, settings: type[BaseModel], error: ValidationError) -> str:

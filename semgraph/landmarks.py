@@ -328,10 +328,13 @@ def polar_covariances(range_sigmas_m: FloatArray, bearing_sigmas: FloatArray) ->
 
 def concatenate(stamp_ns: int, parts: Sequence[Perceptions]) -> Perceptions:
     """The perceptions of several sensors at one moment, in one value."""
+    none = Perceptions.from_arrays(
+        stamp_ns, Kind.TREE, np.zeros(0), np.zeros(0), np.zeros((0, 2, 2))
+    )
     return Perceptions(
         stamp_ns,
         *(
-            np.concatenate([getattr(part, name) for part in parts])
+            np.concatenate([getattr(part, name) for part in (none, *parts)])
             for name in Perceptions.__slots__[1:]
         ),
     )

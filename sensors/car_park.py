@@ -64,7 +64,7 @@ def read(path: Path, options: CarParkOptions) -> Source:
         measurements=in_order_of_time(odometry, fixes, scans),
         num_scans=len(scans),
         odometry_noise=utility_car.ODOMETRY_NOISE,
-        detector="reflectors",
+        detectors={"reflectors": {}},
     )
     return Source(recording, Truth(true_path, _beacons(path / BEACONS_FILE)))
 

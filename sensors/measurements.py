@@ -1,6 +1,6 @@
 """What a sensor says, stamped. No logic lives here."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -263,8 +263,8 @@ class Recording:
             comes before the scan.
         num_scans: how many of them are scans or perceptions.
         odometry_noise: the vehicle's, or None where there is no odometry.
-        detector: the name of the detector that the scans need, or "" where perceptions come ready.
-        detector_settings: what this device needs set in it.
+        detectors: by name, those that look at what its devices measure, with what these devices
+            need set in them; none where perceptions come ready.
         map_T_start: the known pose at the start; it defines the frame map.
     """
 
@@ -272,6 +272,5 @@ class Recording:
     measurements: Iterable[Measurement]
     num_scans: int
     odometry_noise: OdometryNoise | None = None
-    detector: str = ""
-    detector_settings: dict[str, float] = field(default_factory=dict)
+    detectors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     map_T_start: Pose2 = field(default_factory=Pose2)

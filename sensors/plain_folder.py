@@ -102,8 +102,7 @@ def read(path: Path, options: PlainOptions) -> Source:  # noqa: ARG001 - every r
         measurements=in_order_of_time(odometry, _imu(path), _gnss(path), sets, scans),
         num_scans=len(sets) + len(scans),
         odometry_noise=noise if odometry else None,
-        detector=header.detector,
-        detector_settings=header.detector_settings,
+        detectors=header.detectors or ({"trees-2d": {}} if scans else {}),
         map_T_start=Pose2(*header.start.map_T_start),
     )
     return Source(recording, Truth(_true_path(path, header.truth), _true_landmarks(path)))
@@ -268,8 +267,8 @@ def _write_header(folder: Path, source: Source, scans: list[LaserScan]) -> None:
     import tomli_w
 
     recording, path = source.recording, source.truth.path
-    header: dict[str, Any] = {"name": recording.name, "detector": recording.detector}
-    header["detector_settings"] = dict(recording.detector_settings)
+    header: dict[str, Any] = {"name": recording.name}
+    header["detectors"] = {name: dict(values) for name, values in recording.detectors.items()}
     header["start"] = {"map_T_start": recording.map_T_start.as_array().tolist()}
     if recording.odometry_noise is not None:
         header["vehicle"] = asdict(recording.odometry_noise)

@@ -77,8 +77,7 @@ class Header(BaseModel, extra="forbid", frozen=True, allow_inf_nan=False):
     """All of `recording.toml`; only `name` must be there, and `[laser]` where there are scans."""
 
     name: Name
-    detector: Text = ""
-    detector_settings: dict[str, float] = {}
+    detectors: dict[Text, dict[str, float]] = {}
     laser: Laser | None = None
     vehicle: Vehicle | None = None
     start: Start = Start()

@@ -112,8 +112,13 @@ def sources(draw: st.DrawFn) -> Source:
         ),
         num_scans=len(sets) + len(scans),
         odometry_noise=OdometryNoise(draw(SIGMAS), draw(SIGMAS)) if wheels else None,
-        detector=draw(st.sampled_from(["", "reflectors"])),
-        detector_settings=draw(st.dictionaries(st.sampled_from(["a", "b"]), SIGMAS)),
+        detectors=draw(
+            st.dictionaries(
+                st.sampled_from(["reflectors", "trees-2d"]),
+                st.dictionaries(st.sampled_from(["a", "b"]), SIGMAS),
+                min_size=1,
+            )
+        ),
         map_T_start=pose(),
     )
     return Source(recording, draw(truths(stamps(min_size=1))))
