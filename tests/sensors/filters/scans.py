@@ -5,7 +5,9 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from sensors.filters.context import ScanContext
+from sensors.filters.resampling import beam_bearings
 from sensors.measurements import LaserScan, ScannerGeometry, Tilt
+from sensors.simulation.world import Thing, World
 
 INCREMENT = np.radians(0.5)
 GEOMETRY = ScannerGeometry(-0.75 * np.pi, INCREMENT, 0.05, 100.0)
@@ -32,3 +34,22 @@ def same_scan(a: LaserScan, b: LaserScan) -> None:
     assert a.intensities is not None
     assert b.intensities is not None
     np.testing.assert_array_equal(a.intensities, b.intensities)
+
+
+def boles(seed: int) -> World:
+    """A ring of thick stems about the origin, so that much of a scan is surface."""
+    rng = np.random.default_rng(seed)
+    angles = np.linspace(-np.pi, np.pi, 26, endpoint=False)
+    distances_m = rng.uniform(4.0, 11.0, 26)
+    places = distances_m[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    return World.of(Thing.STEM, places, rng.uniform(0.5, 0.9, 26), rng)
+
+
+def rms_range_error_m(scan: LaserScan, static: LaserScan) -> float:
+    """Of what both see on one surface, on the bearings of `static`."""
+    seen_m = np.where(np.isfinite(scan.ranges_m), scan.ranges_m, np.nan)
+    here_m = np.interp(beam_bearings(static), beam_bearings(scan), seen_m)
+    errors_m = here_m - np.where(np.isfinite(static.ranges_m), static.ranges_m, np.nan)
+    errors_m = errors_m[np.abs(errors_m) < 1.0]
+    assert len(errors_m) > 100
+    return float(np.sqrt(np.mean(errors_m**2)))
