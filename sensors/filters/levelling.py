@@ -30,6 +30,7 @@ def level(scan: LaserScan, settings: LevelSettings, context: ScanContext) -> Las
     """Horizontal ranges and bearings of what a tilted laser saw; as it is without a tilt.
 
     Points at the ground, taken as level under base, become NaN: what stands behind is not known.
+    The mounting becomes that of the leaning laser over the ground.
     """
     if context.tilt is None:
         return scan
@@ -45,8 +46,11 @@ def level(scan: LaserScan, settings: LevelSettings, context: ScanContext) -> Las
     levelled_m = np.where(seen, ranges_m * np.hypot(*directions[:, :2].T), scan.ranges_m)
     level_bearings = np.arctan2(directions[:, 1], directions[:, 0]) - geometry.base_T_laser.theta
     shifts = wrap_angle(level_bearings - bearings)
-    above = replace(scan, ranges_m=np.where(ground, np.nan, scan.ranges_m))
-    return resample(above, np.where(ground, np.nan, levelled_m), shifts, settings.max_step_m)
+    # Leaning moves the laser aside by its height: 5 cm for 1 m and 3 deg.
+    x_m, y_m, _ = (level_R_base @ mounted).tolist()
+    mount = replace(geometry.base_T_laser, x=x_m, y=y_m)
+    upright = replace(scan, geometry=replace(geometry, base_T_laser=mount))
+    return resample(upright, np.where(ground, np.nan, levelled_m), shifts, settings.max_step_m)
 
 
 def _directions(bearings: FloatArray) -> FloatArray:

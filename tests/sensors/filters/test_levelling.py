@@ -71,6 +71,9 @@ def test_ground_is_told_by_the_height_of_the_laser(
     settings = LevelSettings(height_m=1.0, ground_margin_m=0.15)
     levelled = level(scan, settings, ScanContext(tilt=tilt)).ranges_m[1]
     assert math.isnan(levelled) == is_ground
+    x_m, y_m, _ = tilt.level_R_base() @ (mounted.x, mounted.y, 1.0)
+    moved = level(scan, settings, ScanContext(tilt=tilt)).base_T_sensor
+    assert (moved.x, moved.y, moved.theta) == pytest.approx((x_m, y_m, mounted.theta))
     if not is_ground:
         assert levelled == pytest.approx(range_m * math.cos(0.1), abs=1e-3)
 
