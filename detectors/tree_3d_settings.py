@@ -30,5 +30,5 @@ class Tree3dSettings(TreeSettings):
     )
     lean_sigma: float = Field(default=0.05, gt=0.0, description="of trunks, m per m of height")
     row_correlation: float = Field(
-        default=0.3, ge=0.0, le=1.0, description="how much of their errors sections share"
+        default=0.07, ge=0.0, le=1.0, description="how much of their errors sections share"
     )
