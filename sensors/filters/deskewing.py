@@ -6,7 +6,9 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from semgraph.arrays import FloatArray
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.geometry import wrap_angle
+from semgraph.landmarks import Perceptions
 from sensors.filters.context import ScanContext
 from sensors.filters.resampling import beam_bearings, has_point, resample
 from sensors.measurements import LaserScan
@@ -37,15 +39,11 @@ def deskew(scan: LaserScan, settings: DeskewSettings, context: ScanContext) -> L
     into the angles of the scan. What is left is the way driven: points are moved by it and measured
     again on those beams. Resampling for the turn as well would round both edges of each trunk to
     beams a second time.
-
-    Source: constant twist, so the laser moves along an arc: SE(2) exponential of twist times time.
     """
     m = len(scan.ranges_m)
     if context.twist is None or m < 2:
         return scan
-    vx, vy, omega = _laser_twist(scan, context.twist)
-    seconds = settings.sweep_s * (np.arange(m) / (m - 1) - settings.stamp_position)
-    turns = omega * seconds
+    x_m, y_m, turns = _moved(scan, np.arange(m), settings, context.twist)
     turned = replace(
         scan,
         geometry=replace(
@@ -54,22 +52,68 @@ def deskew(scan: LaserScan, settings: DeskewSettings, context: ScanContext) -> L
             angle_increment=scan.geometry.angle_increment + float(turns[1] - turns[0]),
         ),
     )
+    seen = has_point(scan.ranges_m)
+    ranges_m, shifts = _seen_from_stamp(
+        np.where(seen, scan.ranges_m, 1.0), beam_bearings(turned), x_m, y_m
+    )
+    moved_m = np.where(seen, ranges_m, scan.ranges_m)
+    return resample(turned, moved_m, np.where(seen, shifts, 0.0), settings.max_step_m)
+
+
+def deskew_perceptions(
+    perceptions: Perceptions, scan: LaserScan, settings: DeskewSettings, context: ScanContext
+) -> Perceptions:
+    """What was found in a scan as it comes, moved to where it was at the stamp.
+
+    Exact where `deskew` must round: a trunk is passed within a millisecond and moves as a whole,
+    while the way aside of a beam is mostly less than half a beam's width and leaves no trace in a
+    scan. Use one or the other.
+
+    Args:
+        perceptions: relative to the laser.
+        scan: in which they were found, not deskewed.
+        settings: when each beam is measured.
+        context: without a twist nothing changes.
+    """
+    m = len(scan.ranges_m)
+    if context.twist is None or m < 2:
+        return perceptions
+    geometry = scan.geometry
+    middle = geometry.angle_min + 0.5 * (m - 1) * geometry.angle_increment
+    from_middle = wrap_angle(perceptions.bearings - middle) / geometry.angle_increment
+    beams = 0.5 * (m - 1) + from_middle
+    x_m, y_m, turns = _moved(scan, beams, settings, context.twist)
+    bearings = perceptions.bearings + turns
+    ranges_m, shifts = _seen_from_stamp(perceptions.ranges_m, bearings, x_m, y_m)
+    return replace(perceptions, ranges_m=ranges_m, bearings=wrap_angle(bearings + shifts))
+
+
+def _moved(
+    scan: LaserScan,
+    beams: FloatArray | IntArray,
+    settings: DeskewSettings,
+    base_twist: tuple[float, float, float],
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """stamp_T_laser of the laser at each beam: x and y in m, turn in rad.
+
+    Source: constant twist, so the laser moves along an arc: SE(2) exponential of twist times time.
+    """
+    # Ad(laser_T_base) takes the twist of base to that of the laser.
+    vx, vy, omega = scan.geometry.base_T_laser.inverse().adjoint() @ base_twist
+    seconds = settings.sweep_s * (beams / (len(scan.ranges_m) - 1) - settings.stamp_position)
+    turns = omega * seconds
     # The arc's chord: sin(a)/a and (1 - cos(a))/a of the turn a.
     ahead, aside = np.sinc(turns / np.pi), np.sinc(turns / (2.0 * np.pi)) * np.sin(0.5 * turns)
     x_m = seconds * (vx * ahead - vy * aside)
     y_m = seconds * (vx * aside + vy * ahead)
-    seen = has_point(scan.ranges_m)
-    ranges_m = np.where(seen, scan.ranges_m, 1.0)
-    bearings = beam_bearings(turned)
+    return x_m, y_m, turns
+
+
+def _seen_from_stamp(
+    ranges_m: FloatArray, bearings: FloatArray, x_m: FloatArray, y_m: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Ranges and shifts in bearing of points that were seen from (x, y)."""
     c, s = np.cos(bearings), np.sin(bearings)
     along_m = ranges_m + c * x_m + s * y_m
     across_m = c * y_m - s * x_m
-    moved_m = np.where(seen, np.hypot(along_m, across_m), scan.ranges_m)
-    shifts = np.where(seen, np.arctan2(across_m, along_m), 0.0)
-    return resample(turned, moved_m, shifts, settings.max_step_m)
-
-
-def _laser_twist(scan: LaserScan, base_twist: tuple[float, float, float]) -> FloatArray:
-    """(3,) the laser's own twist: Ad(laser_T_base) times that of base."""
-    laser_twist: FloatArray = scan.geometry.base_T_laser.inverse().adjoint() @ base_twist
-    return laser_twist
+    return np.hypot(along_m, across_m), np.arctan2(across_m, along_m)

@@ -3,12 +3,17 @@
 import numpy as np
 import pytest
 
+from detectors.tree_settings import TreeSettings
+from detectors.trees_2d import TreeDetector
+from semgraph.arrays import FloatArray
 from semgraph.geometry import Pose2
+from semgraph.landmarks import Kind, Perceptions, polar_covariances
 from sensors.filters.context import ScanContext
-from sensors.filters.deskewing import DeskewSettings, deskew
+from sensors.filters.deskewing import DeskewSettings, deskew, deskew_perceptions
 from sensors.filters.resampling import beam_bearings
 from sensors.measurements import LaserScan, ScannerGeometry
 from sensors.simulation.lms151 import Lms151, Motion, Resolution
+from sensors.simulation.world import stand_of_trees
 from tests.sensors.filters.scans import INCREMENT, boles, rms_range_error_m, scan_of
 
 
@@ -90,3 +95,73 @@ def test_intensities_move_with_their_points() -> None:
     assert (np.diff(moved.intensities) >= 0.0).all()
     assert (moved.intensities != bare.intensities).any()
     assert isinstance(moved, LaserScan)
+
+
+@pytest.mark.parametrize("resolution", list(Resolution))
+@pytest.mark.parametrize("motion", [Motion(1.0, 0.0, 0.0), Motion(3.0, -0.5, 1.0)])
+def test_perceptions_are_as_good_as_if_the_laser_had_stood(
+    resolution: Resolution, motion: Motion
+) -> None:
+    """NEES of (range, bearing) of trunks within 8 m: standing, skewed, and moved to the stamp."""
+    device, detector = Lms151(resolution), TreeDetector(TreeSettings())
+    settings = DeskewSettings(sweep_s=0.75 / resolution.frequency_hz)
+    context = ScanContext(twist=(motion.forward, motion.left, motion.yaw_rate))
+    sums: dict[str, list[float]] = {"stood": [], "skewed": [], "moved": []}
+    for seed in range(101, 121):
+        world = stand_of_trees(np.random.default_rng(seed))
+        static = device.scan(world, Pose2(), np.random.default_rng(0))
+        scan = device.scan(world, Pose2(), np.random.default_rng(0), motion=motion)
+        found = detector.detect(scan)
+        moved = deskew_perceptions(found, scan, settings, context)
+        parts = {"stood": detector.detect(static), "skewed": found, "moved": moved}
+        for name, perceptions in parts.items():
+            sums[name] += _nees(perceptions, world.world_t_things)
+    means = {name: float(np.mean(nees)) for name, nees in sums.items()}
+    assert means["moved"] < 1.25 * means["stood"]
+    assert means["skewed"] > 1.2 * means["moved"]
+
+
+def _nees(perceptions: Perceptions, laser_t_things: FloatArray) -> list[float]:
+    sure = perceptions.select((perceptions.reliabilities > 0.7) & (perceptions.ranges_m < 8.0))
+    apart = sure.base_t_landmarks()[:, None] - laser_t_things
+    rows = np.linalg.norm(apart, axis=2).argmin(axis=1)
+    errors = apart[np.arange(len(sure)), rows]
+    right = np.linalg.norm(errors, axis=1) < 0.1
+    inverse = np.linalg.inv(sure.base_covariances())
+    nees = np.einsum("ni,nij,nj->n", errors, inverse, errors)[right]
+    assert len(nees) > 3
+    return [float(value) for value in nees]
+
+
+@pytest.mark.parametrize("base_T_laser", MOUNTINGS)
+@pytest.mark.parametrize("increment", [INCREMENT, -INCREMENT])
+def test_a_perception_moves_as_a_point_of_its_beam_does(
+    base_T_laser: Pose2, increment: float
+) -> None:
+    geometry = ScannerGeometry(-np.sign(increment) * 2.3, increment, 0.1, 90.0, base_T_laser)
+    scan = scan_of(np.full(528, 6.0), geometry)
+    beams = np.array([0, 100, 300, 527])
+    bearings = beam_bearings(scan)[beams]
+    perceptions = Perceptions.from_arrays(
+        3, Kind.TREE, np.full(4, 6.0), bearings, polar_covariances(np.ones(4), np.ones(4))
+    )
+    settings = DeskewSettings(sweep_s=0.02, stamp_position=0.3)
+    moved = deskew_perceptions(perceptions, scan, settings, ScanContext(twist=(2.0, -1.0, 0.8)))
+    for k, beam in enumerate(beams):
+        step = 0.02 * (beam / 527 - 0.3) / 200
+        stamp_T_base = Pose2()
+        for _ in range(200):
+            stamp_T_base = stamp_T_base @ Pose2(2.0 * step, -1.0 * step, 0.8 * step)
+        stamp_T_laser = base_T_laser.inverse() @ stamp_T_base @ base_T_laser
+        point = stamp_T_laser.transform(perceptions.base_t_landmarks()[k : k + 1])[0]
+        np.testing.assert_allclose(moved.base_t_landmarks()[k], point, atol=1e-5)
+    np.testing.assert_array_equal(moved.covariances, perceptions.covariances)
+
+
+def test_perceptions_without_a_twist_are_left_as_they_are() -> None:
+    nothing = np.zeros(0)
+    none = Perceptions.from_arrays(1, Kind.TREE, nothing, nothing, np.zeros((0, 2, 2)))
+    scan = scan_of(np.full(3, 5.0))
+    assert deskew_perceptions(none, scan, DeskewSettings(), ScanContext()) is none
+    moving = ScanContext(twist=(1.0, 0.0, 0.0))
+    assert len(deskew_perceptions(none, scan, DeskewSettings(), moving)) == 0
