@@ -190,27 +190,3 @@ def test_moving_world_and_laser_together_changes_nothing() -> None:
 def test_a_device_that_cannot_be_is_refused(bad: dict[str, float]) -> None:
     with pytest.raises(InputError, match="3D laser: expected a ring, 8 columns"):
         Lidar3d(**bad)  # type: ignore[arg-type]  # one wrong value of each kind
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "said"),
-    [
-        ("radii_m", np.zeros(1), "radii above 0"),
-        ("tops_m", np.zeros(1), "tops above their bottoms"),
-        ("leans", np.zeros((2, 2)), "world leans: expected shape"),
-        ("world_t_feet", np.full((1, 2), np.nan), "finite"),
-    ],
-)
-def test_a_world_that_cannot_be_is_refused(field: str, value: np.ndarray, said: str) -> None:
-    good = {name: getattr(_trunk(1.0, 2.0), name) for name in World3d.__slots__}
-    with pytest.raises(InputError, match=said):
-        World3d(**(good | {field: value}))
-
-
-def test_a_stand_has_leaning_stems_and_low_bushes() -> None:
-    world = stand_in_3d(_rng(5))
-    stems, twigs = world.things == Thing.STEM, world.things == Thing.CLUTTER
-    assert world.leans[stems].std() == pytest.approx(0.03, rel=0.15)
-    assert world.tops_m[stems].min() >= 5.0
-    assert world.tops_m[twigs].max() <= 1.8
-    assert len(World3d.union([world, world])) == 2 * len(world)
