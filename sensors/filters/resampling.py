@@ -48,9 +48,8 @@ def resample(
     nearest = before + (weights > 0.5)
     one = np.where(has_point(ranges_m), ranges_m, np.nan)
     steps_m = one[before + 1] - one[before]
-    resampled_m = np.where(
-        np.abs(steps_m) <= max_step_m, one[before] + weights * steps_m, ranges_m[nearest]
-    )
+    between_m = (1.0 - weights) * one[before] + weights * one[before + 1]
+    resampled_m = np.where(np.abs(steps_m) <= max_step_m, between_m, ranges_m[nearest])
     beyond = (beams < moved[0] - 0.5) | (beams > moved[-1] + 0.5)
     return replace(
         scan,
