@@ -26,7 +26,7 @@ def test_at_an_edge_the_nearer_beam_in_bearing_counts() -> None:
     ranges_m = np.array([3.0, 3.0, 3.0, 8.0, 8.0, np.inf, np.inf])
     for share, expected in ((0.3, ranges_m), (0.7, np.append(np.nan, ranges_m[:-1]))):
         moved = resample(scan_of(ranges_m), ranges_m, np.full(7, share * INCREMENT), 0.1)
-        np.testing.assert_array_equal(moved.ranges_m, expected)
+        np.testing.assert_allclose(moved.ranges_m, expected)
 
 
 def test_what_moved_out_of_the_field_leaves_what_is_not_known() -> None:
