@@ -67,7 +67,7 @@ def test_one_section_far_off_hardly_matters() -> None:
 def test_covariances_are_honest_for_independent_sections() -> None:
     rng = np.random.default_rng(101)
     nees = []
-    for _ in range(300):
+    for _ in range(150):
         axes = _fit(_sections((4.0, 1.0), (0.02, 0.03), HEIGHTS_M, rng, 0.05))
         error = axes.base_t_centres[0] - (4.0 + 0.026, 1.0 + 0.039)
         nees.append(error @ np.linalg.solve(axes.covariances[0], error))

@@ -34,7 +34,7 @@ def test_the_filters_are_those_asked_for() -> None:
 
 @every_filter
 @given(scan=SCANS, context=CONTEXTS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_no_filter_invents_a_return(name: str, scan: LaserScan, context: ScanContext) -> None:
     filtered = _apply([name], scan, context)
     returns = np.isfinite(scan.ranges_m)
@@ -140,7 +140,7 @@ TABLES = st.dictionaries(KEYS, VALUES | st.sampled_from(filter_names()), max_siz
 
 
 @given(tables=st.lists(TABLES | VALUES, max_size=3))
-@settings(max_examples=300)
+@settings(max_examples=150)
 def test_any_table_is_a_filter_or_a_settings_error(tables: list[dict[str, object]]) -> None:
     try:
         built = filter_settings(tables)
