@@ -18,6 +18,7 @@ from detectors.trees_2d import TreeDetector
 from evaluation.detector_trials import Outcomes, Trial, judge_detector, look, stand_trials
 from semgraph.arrays import BoolArray, FloatArray
 from semgraph.geometry import Pose2
+from sensors.measurements import LaserScan
 from sensors.simulation.lms151 import Lms151, Resolution
 from sensors.simulation.world import FOREST, PARKLAND, Thing, World
 
@@ -202,7 +203,7 @@ def reflectors(seeds: Sequence[int]) -> list[Row]:
     return rows
 
 
-def _reflector_trials(seed: int, device: Lms151) -> list[Trial]:
+def _reflector_trials(seed: int, device: Lms151) -> list[Trial[LaserScan]]:
     """Three scans of 12 posts on a jittered ring grid, 20 stems outside of it."""
     rng = np.random.default_rng([seed, 9])
     angles = np.linspace(-np.pi, np.pi, 12, endpoint=False) + rng.uniform(-0.1, 0.1, 12)

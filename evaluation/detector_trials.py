@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -10,28 +11,30 @@ from detectors.detector import Detector
 from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.geometry import Pose2, wrap_angle
 from semgraph.landmarks import Perceptions
-from sensors.measurements import LaserScan
+from sensors.measurements import LaserScan, Raw
 from sensors.simulation.lms151 import Lms151
 from sensors.simulation.ray_casting import visible_arcs
 from sensors.simulation.world import StandSettings, Thing, World, stand_of_trees
+from sensors.simulation.world_3d import World3d
 
 SCANS_PER_STAND = 4
 MAX_MATCH_M = 0.3
+Seen = TypeVar("Seen", bound=Raw)
 _PLACES_M = 8.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trial:
+class Trial(Generic[Seen]):
     """A scan and what there was to see; rows of `world`.
 
     Attributes:
         distances_m, bearings: (n,) of each thing's centre from the laser.
-        num_beams: (n,) that each thing answers.
+        num_beams: (n,) that each thing answers; of a cloud, rows of three and more.
         visible_shares: (n,) of its width that nothing nearer hides.
     """
 
-    world: World
-    scan: LaserScan
+    world: World | World3d
+    scan: Seen
     distances_m: FloatArray
     bearings: FloatArray
     num_beams: IntArray
@@ -66,7 +69,7 @@ class Outcomes:
 
 def stand_trials(
     seeds: Sequence[int], device: Lms151, stands: Sequence[StandSettings]
-) -> Iterator[Trial]:
+) -> Iterator[Trial[LaserScan]]:
     """`SCANS_PER_STAND` scans from random places in one stand of each sort and seed."""
     for seed in seeds:
         for k, stand in enumerate(stands):
@@ -76,7 +79,9 @@ def stand_trials(
                 yield look(world, _free_place(world, rng), device, rng)
 
 
-def look(world: World, world_T_laser: Pose2, device: Lms151, rng: np.random.Generator) -> Trial:
+def look(
+    world: World, world_T_laser: Pose2, device: Lms151, rng: np.random.Generator
+) -> Trial[LaserScan]:
     """A scan from one place with its truth."""
     laser_t_things = world_T_laser.inverse().transform(world.world_t_things)
     distances_m = np.hypot(laser_t_things[:, 0], laser_t_things[:, 1])
@@ -95,8 +100,8 @@ def look(world: World, world_T_laser: Pose2, device: Lms151, rng: np.random.Gene
 
 
 def judge_detector(
-    trials: Sequence[Trial],
-    detector: Detector[LaserScan],
+    trials: Sequence[Trial[Seen]],
+    detector: Detector[Seen],
     things: Sequence[Thing],
     min_reliability: float,
 ) -> Outcomes:
@@ -111,7 +116,7 @@ def judge_detector(
 
 
 def _judge(
-    trial: Trial, detector: Detector[LaserScan], things: Sequence[Thing], min_reliability: float
+    trial: Trial[Seen], detector: Detector[Seen], things: Sequence[Thing], min_reliability: float
 ) -> Outcomes:
     perceptions = detector.detect(trial.scan)
     perceptions = perceptions.select(perceptions.reliabilities >= min_reliability)
@@ -144,7 +149,7 @@ def _judge(
     )
 
 
-def _match(perceptions: Perceptions, trial: Trial, things: Sequence[Thing]) -> IntArray:
+def _match(perceptions: Perceptions, trial: Trial[Seen], things: Sequence[Thing]) -> IntArray:
     """(n,) rows of the world, -1 for none: one to one, nearest in sum, within `MAX_MATCH_M`."""
     laser_t_things = trial.distances_m[:, None] * np.column_stack(
         [np.cos(trial.bearings), np.sin(trial.bearings)]

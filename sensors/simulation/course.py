@@ -8,10 +8,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.errors import InputError
-from semgraph.geometry import Pose2, relative_poses, wrap_angle
+from semgraph.geometry import Pose2, wrap_angle
 from semgraph.landmarks import Kind, Perceptions, polar_covariances
-from semgraph.motion_model import odometry_covariance
-from sensors.measurements import Measurement, OdometryNoise, Recording, WheelOdometry
+from sensors.measurements import Measurement, OdometryNoise, Recording
+from sensors.simulation.wheels import simulate_wheels
 from sensors.truth import Source, TrueLandmarks, TruePath, Truth
 
 _TRUNK_MEDIAN_M: Final = 0.28
@@ -65,7 +65,8 @@ def read(name: str, options: CourseOptions) -> Source:
     rng = np.random.default_rng(options.seed)
     stand = _plant(options, rng)
     stamps_ns, poses = _drive(options)
-    wheels = _wheels(stamps_ns, poses, rng) if options.odometry else {}
+    samples = simulate_wheels(stamps_ns, poses, OdometryNoise(), rng) if options.odometry else []
+    wheels = {sample.stamp_ns: sample for sample in samples}
     measurements: list[Measurement] = []
     associations: dict[int, IntArray] = {}
     for stamp_ns, pose in zip(stamps_ns.tolist(), poses, strict=True):
@@ -134,24 +135,6 @@ def _drive(options: CourseOptions) -> tuple[IntArray, FloatArray]:
         [radius * np.cos(angles), radius * np.sin(angles), wrap_angle(angles + 0.5 * np.pi)]
     )
     return np.round(seconds * 1e9).astype(np.int64), poses
-
-
-def _wheels(
-    stamps_ns: IntArray, poses: FloatArray, rng: np.random.Generator
-) -> dict[int, WheelOdometry]:
-    """What the wheels say, integrated, by stamp."""
-    noise = OdometryNoise()
-    motions = relative_poses(poses[:-1], poses[1:])
-    sigmas = np.sqrt(
-        [np.diag(odometry_covariance(Pose2.from_array(motion), noise)) for motion in motions]
-    )
-    steps = motions + sigmas * rng.standard_normal(motions.shape)
-    odom_T_base = Pose2()
-    samples = {int(stamps_ns[0]): WheelOdometry(int(stamps_ns[0]), odom_T_base)}
-    for stamp_ns, step in zip(stamps_ns[1:].tolist(), steps, strict=True):
-        odom_T_base = odom_T_base @ Pose2.from_array(step)
-        samples[stamp_ns] = WheelOdometry(stamp_ns, odom_T_base)
-    return samples
 
 
 def _perceive(

@@ -6,7 +6,7 @@ what stands close behind it.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import InputError
 from semgraph.geometry import Pose2, wrap_angle
-from sensors.measurements import LaserScan, ScannerGeometry
+from sensors.measurements import LaserScan, ScannerGeometry, Tilt
 from sensors.simulation.ray_casting import Arcs, mean_ranges, ragged_ranges, visible_arcs
 from sensors.simulation.world import World
 
@@ -49,14 +49,6 @@ class Motion:
     yaw_rate: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Tilt:
-    """How the laser is tilted, rad: pitch down and roll right positive (REP-103)."""
-
-    pitch: float = 0.0
-    roll: float = 0.0
-
-
 STANDING = Motion()
 LEVEL = Tilt()
 
@@ -67,6 +59,7 @@ class Lms151:
 
     A return needs a signal (reflectivity times lit share of the footprint) above `min_signal` and
     above 0.1 (r / range_at_ten_percent_m)^2: a target of 10 % that fills the beam is seen that far.
+    `no_return_m` is what a beam says that nothing answers: the device itself sends 0.0.
     """
 
     resolution: Resolution = Resolution.HALF_DEGREE
@@ -81,6 +74,7 @@ class Lms151:
     min_signal: float = 0.02
     range_at_ten_percent_m: float = 18.0
     dropout: float = 0.001
+    no_return_m: float = math.inf
     height_m: float = 1.0
     ground_reflectivity: float = 0.3
     ground_roughness: float = 0.03
@@ -127,6 +121,7 @@ class Lms151:
         ranges_m[ranges_m < self.range_min_m] = -np.inf
         intensities = np.minimum(_INTENSITY_OF_WHITE * echoes.signals, _SATURATED)
         intensities[~np.isfinite(ranges_m)] = 0.0
+        ranges_m[np.isposinf(ranges_m)] = self.no_return_m
         return LaserScan(stamp_ns, self.geometry, ranges_m, np.rint(intensities, dtype=np.float64))
 
     def echoes(
@@ -140,6 +135,8 @@ class Lms151:
     ) -> "Echoes":
         """The first strong echo of each beam, before noise, and what it came from."""
         rows, distances_m, bearings = self._apparent_places(world, world_T_laser, motion)
+        if tilt != LEVEL:
+            bearings = _bearings_in_beam_plane(bearings, tilt)
         radii_m = world.radii_m[rows]
         arcs = visible_arcs(distances_m, bearings, radii_m)
         lit = self._light_up(arcs, distances_m, bearings, radii_m)
@@ -192,9 +189,12 @@ class Lms151:
     def _with_ground(self, lit: "_Lit", tilt: Tilt, rng: np.random.Generator) -> "_Lit":
         """Beams that dip meet flat, rough ground; what stands behind that point is hidden."""
         angles = self.beam_angles()
-        dips = math.sin(tilt.pitch) * np.cos(angles) - math.sin(tilt.roll) * np.sin(angles)
+        beams = np.stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
+        dips = -tilt.level_R_base()[2] @ beams
         rough = 1.0 + self.ground_roughness * rng.normal(size=len(angles))
         ground_m = np.where(dips > 1e-6, self.height_m / np.maximum(dips, 1e-6) * rough, np.inf)
+        # A tilted beam meets an upright trunk farther along than a level one.
+        lit = replace(lit, ranges_m=lit.ranges_m / np.sqrt(1.0 - dips**2)[lit.beams])
         before = lit.ranges_m < ground_m[lit.beams]
         covered = np.bincount(lit.beams[before], lit.shares[before], len(angles))
         strikes = np.flatnonzero((ground_m < self.range_max_m) & (covered < 1.0))
@@ -236,6 +236,16 @@ class Lms151:
         return np.asarray(
             np.maximum(self.min_signal, 0.1 * (ranges_m / self.range_at_ten_percent_m) ** 2)
         )
+
+
+def _bearings_in_beam_plane(bearings: FloatArray, tilt: Tilt) -> FloatArray:
+    """(n,) rad that the tilted laser's beam has where it passes over a level bearing."""
+    level_R_laser = tilt.level_R_base()
+    normal = level_R_laser[:, 2]
+    c, s = np.cos(bearings), np.sin(bearings)
+    above = np.stack([c, s, -(normal[0] * c + normal[1] * s) / normal[2]])
+    ahead, left, _ = level_R_laser.T @ above
+    return np.asarray(np.arctan2(left, ahead))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

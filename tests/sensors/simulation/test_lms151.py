@@ -8,7 +8,9 @@ import pytest
 from semgraph.arrays import IntArray
 from semgraph.errors import InputError
 from semgraph.geometry import Pose2
-from sensors.simulation.lms151 import GROUND, NOTHING, Lms151, Motion, Resolution, Tilt
+from sensors.filters.limits import InvalidSettings, read_codes
+from sensors.measurements import Tilt
+from sensors.simulation.lms151 import GROUND, NOTHING, Lms151, Motion, Resolution
 from sensors.simulation.ray_casting import chord_ranges
 from sensors.simulation.world import StandSettings, Thing, World, stand_of_trees
 
@@ -204,3 +206,27 @@ def test_moving_world_and_laser_together_changes_nothing(pose: Pose2) -> None:
 def test_a_beam_without_width_is_refused() -> None:
     with pytest.raises(InputError, match="expected a beam with a width"):
         Lms151(beam_exit_m=0.0)
+
+
+@pytest.mark.parametrize("bearing", [0.0, 1.0, -1.5])
+def test_a_tilted_beam_meets_a_trunk_where_the_planes_of_both_say(bearing: float) -> None:
+    device, tilt = Lms151(Resolution.QUARTER_DEGREE, height_m=5.0), Tilt(0.06, -0.08)
+    world = _posts((9.0 * math.cos(bearing), 9.0 * math.sin(bearing), 0.6))
+    echoes = device.echoes(world, Pose2(), _rng(), tilt=tilt)
+    beams = np.flatnonzero(echoes.sources == 0)
+    middle = device.beam_angles()[beams].mean()
+    direction = tilt.level_R_base() @ (math.cos(middle), math.sin(middle), 0.0)
+    assert math.atan2(direction[1], direction[0]) == pytest.approx(bearing, abs=2e-3)
+    horizontal = math.hypot(direction[0], direction[1])
+    nearest_m = echoes.ranges_m[beams].min()
+    assert nearest_m * horizontal == pytest.approx(8.7, abs=0.005)
+
+
+def test_nothing_can_be_told_by_the_code_of_the_device() -> None:
+    world = stand_of_trees(_rng(3), SMALL_STAND)
+    scan = Lms151().scan(world, Pose2(), _rng(1))
+    raw = Lms151(no_return_m=0.0).scan(world, Pose2(), _rng(1))
+    nothing = np.isposinf(scan.ranges_m)
+    assert nothing.any()
+    np.testing.assert_array_equal(raw.ranges_m, np.where(nothing, 0.0, scan.ranges_m))
+    np.testing.assert_array_equal(read_codes(raw, InvalidSettings()).ranges_m, scan.ranges_m)
