@@ -13,14 +13,17 @@ _ALONG = np.linspace(0.06, 0.94, 32)
 _ACROSS = np.linspace(-1.0, 1.0, 17)
 _SHARE_OF_CELL = 0.6
 _MAX_REACH_PX = 3.0
+_SMEAR = 2.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corners:
-    """Of n squares: `corners_px` (n, 4, 2); `sigmas_px` (n,) of a corner's coordinate.
+    """Of n squares; NaN where no square could be fitted.
 
-    `misfits_px` (n,) is the RMS distance of the edge's samples from straight lines. NaN where
-    no square could be fitted.
+    Attributes:
+        corners_px: (n, 4, 2).
+        sigmas_px: (n,) of a corner's coordinate, from noise and blur.
+        misfits_px: (n,) RMS distance of the edges' samples from straight lines.
     """
 
     corners_px: FloatArray
@@ -28,28 +31,31 @@ class Corners:
     misfits_px: FloatArray
 
 
-def refine_corners(grey: NDArray[np.uint8], rough_px: FloatArray, num_cells: int) -> Corners:
+def refine_corners(
+    grey: NDArray[np.uint8], rough_px: FloatArray, num_cells: int, blur_px: float
+) -> Corners:
     """Corners where straight lines through the four edges cross.
 
     Across an edge, the black's share of the light's integral says where the edge lies, however
-    blurred: Corners found by the image's gradient lie inside of blurred ones. The samples keep to
+    blurred: corners found by the image's gradient lie inside of blurred ones. The samples keep to
     the black frame and the white around it, both one of `num_cells` wide.
 
     Args:
         grey: (h, w).
         rough_px: (n, 4, 2) columns and rows within half a cell or so.
         num_cells: along an edge of the square.
+        blur_px: sigma of what makes the image unsharp, the pixels' own size included.
     """
     from scipy.ndimage import map_coordinates
 
     corners: FloatArray = rough_px.astype(np.float64)
-    misfits: FloatArray = np.zeros(len(corners))
     for _ in range(_ROUNDS):
         ends = np.roll(corners, -1, axis=1)
         lengths = np.maximum(np.linalg.norm(ends - corners, axis=2, keepdims=True), 1e-6)
         along = (ends - corners) / lengths
         outward = np.stack([along[..., 1], -along[..., 0]], axis=-1)
-        reach = _reaches_px(corners, outward, num_cells)
+        cells_px = _cells_px(corners, outward, num_cells)
+        reach = np.clip(_SHARE_OF_CELL * cells_px, 0.1, _MAX_REACH_PX)
         starts = corners[:, :, None] + _ALONG[:, None] * (ends - corners)[:, :, None]
         across = _ACROSS * reach[..., None]
         points = starts[..., None, :] + across[:, :, None, :, None] * outward[:, :, None, None]
@@ -59,17 +65,19 @@ def refine_corners(grey: NDArray[np.uint8], rough_px: FloatArray, num_cells: int
         offsets = _edge_offsets(levels) * reach[..., None]
         lines, misfits = _fitted_lines(offsets, lengths[..., 0])
         corners = _crossings(0.5 * (corners + ends), along, outward, lines)
-    # A line's end strays 4 / n times the variance of a sample; about one sample a pixel is its own.
-    independent = np.minimum(lengths.mean(axis=(1, 2)), len(_ALONG))
-    return Corners(corners, misfits * np.sqrt(4.0 / independent), misfits)
+    # The line's end strays 5 / n times the variance of a sample; at most one sample a pixel counts.
+    noises = misfits * np.sqrt(5.0 / np.minimum(lengths.mean(axis=(1, 2)), len(_ALONG)))
+    # What blur mixes in from the next cells; fits blurs of 0.5 to 1 px, cells of 1.6 to 5 px.
+    smears = _SMEAR * blur_px * (blur_px / cells_px.min(axis=1)) ** 3
+    return Corners(corners, np.hypot(noises, smears), misfits)
 
 
-def _reaches_px(corners: FloatArray, outward: FloatArray, num_cells: int) -> FloatArray:
-    """(n, 4) how far across an edge to look: a share of a cell as it is seen."""
+def _cells_px(corners: FloatArray, outward: FloatArray, num_cells: int) -> FloatArray:
+    """(n, 4) how deep a cell at each edge is as it is seen."""
     opposite = np.roll(corners, -2, axis=1) - corners
     before = np.roll(corners, 1, axis=1) - corners
     depths = -0.5 * np.einsum("nki,nki->nk", opposite + before, outward)
-    return np.asarray(np.clip(_SHARE_OF_CELL * depths / num_cells, 0.1, _MAX_REACH_PX))
+    return np.asarray(np.maximum(depths / num_cells, 0.1))
 
 
 def _edge_offsets(levels: FloatArray) -> FloatArray:

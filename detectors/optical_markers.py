@@ -34,7 +34,10 @@ class OpticalMarkerSettings(BaseModel):
     )
     shrinkage_sigma_px: float = Field(default=0.02, ge=0.0, description="how well that is known")
     corner_sigma_px: float = Field(
-        default=0.02, gt=0.0, description="of a corner beside the noise of pixels: lens, sampling"
+        default=0.01, gt=0.0, description="of a corner beside noise and blur: lens, print"
+    )
+    blur_px: float = Field(
+        default=0.7, ge=0.0, description="sigma of an edge in the image, lens and pixel together"
     )
     max_misfit_px: float = Field(
         default=0.5, gt=0.0, description="an edge less straight is none of a marker"
@@ -57,6 +60,8 @@ class OpticalMarkerDetector:
         parameters = cv2.aruco.DetectorParameters()
         family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
         parameters.errorCorrectionRate = (settings.max_wrong_bits + 0.5) / family.maxCorrectionBits
+        # The outline of the white border is no second try at the same square.
+        parameters.minMarkerDistanceRate = 0.02
         self._decoder: Final = cv2.aruco.ArucoDetector(family, parameters)
 
     def detect(self, image: CameraImage) -> Perceptions:
@@ -83,7 +88,7 @@ class OpticalMarkerDetector:
         quads, found, _ = self._decoder.detectMarkers(image.grey)
         ids = np.ravel(found).astype(np.int64) if len(quads) else np.zeros(0, np.int64)
         rough = np.array(quads, dtype=np.float64).reshape(-1, 4, 2)
-        corners = refine_corners(image.grey, rough, _CELLS)
+        corners = refine_corners(image.grey, rough, _CELLS, settings.blur_px)
         edges_px = _edges_px(corners.corners_px)
         moved_px = np.abs(corners.corners_px - rough).max(axis=(1, 2), initial=0.0)
         _, which, counts = np.unique(ids, return_inverse=True, return_counts=True)

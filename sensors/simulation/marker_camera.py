@@ -170,7 +170,8 @@ def _background(height: int, width: int, rng: np.random.Generator) -> NDArray[np
     """A slope of light with blotches of several sizes."""
     x, y = np.meshgrid(np.linspace(-1.0, 1.0, width), np.linspace(-1.0, 1.0, height))
     slope = rng.uniform(-30.0, 30.0, 2)
-    canvas: NDArray[np.float32] = np.float32(rng.uniform(70.0, 150.0) + slope[0] * x + slope[1] * y)
+    light = rng.uniform(70.0, 150.0) + slope[0] * x + slope[1] * y
+    canvas = np.asarray(light, dtype=np.float32)
     for blotch_px in (64, 16, 4):
         shape = (height // blotch_px + 2, width // blotch_px + 2)
         blotches = rng.normal(0.0, 12.0, shape).astype(np.float32)
