@@ -73,11 +73,16 @@ def refine_corners(
 
 
 def _cells_px(corners: FloatArray, outward: FloatArray, num_cells: int) -> FloatArray:
-    """(n, 4) how deep a cell at each edge is as it is seen."""
+    """(n, 4) how deep a cell at each edge is as it is seen.
+
+    Depths shrink with the square of the distance, edges with the distance.
+    """
     opposite = np.roll(corners, -2, axis=1) - corners
     before = np.roll(corners, 1, axis=1) - corners
     depths = -0.5 * np.einsum("nki,nki->nk", opposite + before, outward)
-    return np.asarray(np.maximum(depths / num_cells, 0.1))
+    lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    farness = np.maximum(np.roll(lengths, 2, axis=1), 1e-6) / np.maximum(lengths, 1e-6)
+    return np.asarray(np.maximum(depths / num_cells / farness, 0.1))
 
 
 def _edge_offsets(levels: FloatArray) -> FloatArray:

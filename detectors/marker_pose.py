@@ -10,7 +10,11 @@ from sensors.measurements import CameraGeometry
 
 SENSOR_R_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _SQUARE = np.array([[-0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [0.5, -0.5, 0.0], [-0.5, -0.5, 0.0]])
-"""Corners as OpenCV orders them, in edges."""
+"""Corners in the order that OpenCV's IPPE_SQUARE wants, in edges: right, down, ahead.
+
+From the lower left. Taken as right, up, back, a square that faces the camera is turned by half a
+turn, and there OpenCV 5.0 gives wrong rotation vectors.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +41,7 @@ def marker_centre(
     """
     matrix = np.diag([camera.focal_px, camera.focal_px, 1.0])
     matrix[:2, 2] = camera.centre_px
-    square = edge_m * _SQUARE
+    square, corners_px = edge_m * _SQUARE, np.ascontiguousarray(corners_px[::-1])
     _, turns, places, _ = cv2.solvePnPGeneric(
         square, corners_px, matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
     )

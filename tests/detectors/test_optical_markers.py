@@ -127,7 +127,7 @@ def test_an_even_image_gives_nothing(level: float, shape: tuple[int, int]) -> No
 
 
 @pytest.mark.parametrize("cell_px", [1, 4, 8])
-@pytest.mark.parametrize("seed", range(15))
+@pytest.mark.parametrize("seed", range(8))
 def test_noise_gives_nothing(seed: int, cell_px: int) -> None:
     """Black and white squares, too: they decode to codes, but to none of the family."""
     rng = np.random.default_rng([seed, cell_px])
@@ -137,7 +137,7 @@ def test_noise_gives_nothing(seed: int, cell_px: int) -> None:
 
 
 @given(data=st.data())
-@settings(max_examples=120, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None, derandomize=True)
 def test_spoilt_images_give_valid_perceptions_again_and_again(data: st.DataObject) -> None:
     """Blocks of a real image are overwritten; whatever is left of a marker stays in its place."""
     image = _SPOILT
@@ -187,14 +187,14 @@ def test_the_image_is_left_as_it_was() -> None:
 def test_covariance_is_honest(distance_m: float, turn: float) -> None:
     """NEES of range and bearing: far and near, facing and steep, small ones down to 23 px."""
     nees = []
-    for seed in range(60):
+    for seed in range(40):
         bearing = 0.25 * np.sin(seed)
         polar = np.array([[distance_m + 0.003 * seed, bearing]])
         found = _detector().detect(_image(_markers(polar, np.array([turn])), seed))
         if len(found):
             error = np.array([found.ranges_m[0] - polar[0, 0], found.bearings[0] - bearing])
             nees.append(error @ np.linalg.solve(found.covariances[0], error))
-    assert len(nees) >= 55
+    assert len(nees) >= 38
     assert 0.4 < np.mean(nees) < 4.5
 
 
@@ -207,20 +207,21 @@ def test_a_steep_marker_is_known_less_well() -> None:
 
 
 def test_the_other_pose_widens_the_covariance_while_it_is_likely() -> None:
-    """A far square, turned a little: exact corners fit one pose, worse ones both."""
+    """A far square: exact corners fit one pose, worse ones both, whose centres differ by mm."""
     device = MarkerCamera(_camera())
     markers = _markers(np.array([[6.0, 0.2]]), np.array([0.5]))
     corners_px, _ = device.project(markers.world_t_corners(), POSE, Tilt())
     camera = device.camera
-    certain = marker_centre(camera, EDGE_M, corners_px[0], 1e-3)
-    doubtful = marker_centre(camera, EDGE_M, corners_px[0], 0.3)
+    certain, still_certain, doubtful = (
+        marker_centre(camera, EDGE_M, corners_px[0], sigma_px) for sigma_px in (1e-4, 2e-4, 0.3)
+    )
     true = markers.world_t_markers[0] - [POSE.x, POSE.y, 1.0]
     np.testing.assert_allclose(
         np.linalg.norm(certain.optical_t_marker), np.linalg.norm(true), rtol=1e-4
     )
-    scaled = certain.covariance * (0.3 / 1e-3) ** 2
-    growth = doubtful.covariance - scaled
-    assert np.linalg.eigvalsh(growth)[-1] > 1e-3 * np.trace(scaled)
+    np.testing.assert_allclose(still_certain.covariance, 4.0 * certain.covariance, atol=1e-12)
+    growth = doubtful.covariance - certain.covariance * (0.3 / 1e-4) ** 2
+    assert np.linalg.eigvalsh(growth)[-1] > 0.001**2
 
 
 @pytest.mark.parametrize("shrunk_px", [-1.0, 0.6])

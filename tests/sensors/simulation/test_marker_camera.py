@@ -67,8 +67,10 @@ def test_what_is_behind_the_camera_is_not_seen() -> None:
 @pytest.mark.parametrize("order", [[0, 1], [1, 0]])
 def test_the_nearer_marker_hides_the_farther(order: list[int]) -> None:
     near, far = AHEAD[0], AHEAD[0] + [1.0, 0.0, 0.0]
-    both = OpticalMarkers(np.array([5, 9])[order], np.array([near, far])[order], [np.pi] * 2, 0.4)
-    alone = OpticalMarkers(np.array([5]), near[None], [np.pi], 0.4)
+    both = OpticalMarkers(
+        np.array([5, 9])[order], np.array([near, far])[order], np.full(2, np.pi), 0.4
+    )
+    alone = OpticalMarkers(np.array([5]), near[None], np.full(1, np.pi), 0.4)
     np.testing.assert_array_equal(_grey(both)[85:154, 125:194], _grey(alone)[85:154, 125:194])
 
 
