@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from detectors.detector import DetectorType
+from detectors.reflector_edges import Sweep, beam_bounds
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import InputError
 from semgraph.geometry import wrap_angle
@@ -45,6 +46,24 @@ class ReflectorSettings(BaseModel):
     range_sigma_m: float = Field(default=0.007, gt=0.0, description="noise from scan to scan")
     range_systematic_m: float = Field(
         default=0.015, ge=0.0, description="error that repeats in each scan"
+    )
+    post_width_m: float = Field(
+        default=0.0,
+        ge=0.0,
+        description="of the markers, if all are alike: their edges tell the bearing; "
+        "0: the mean of the beams by intensity does",
+    )
+    saturated_intensity: float = Field(
+        default=254.0, gt=0.0, description="the device's largest; counts with `post_width_m`"
+    )
+    saturation_share: float = Field(
+        default=0.08,
+        gt=0.0,
+        le=1.0,
+        description="of the spot on a marker that saturates; counts with `post_width_m`",
+    )
+    edge_sigma: float = Field(
+        default=0.0003, gt=0.0, description="how well the spot's edge is known, in rad"
     )
     reliability: float = Field(default=0.99, gt=0.0, le=1.0)
     single_hit_reliability: float = Field(default=0.97, gt=0.0, le=1.0)
@@ -106,6 +125,12 @@ class ReflectorDetector:
         widths_m = (last - bright[starts]) * increment * ranges_m
         spots_m = settings.beam_exit_m + settings.beam_divergence * ranges_m
         narrow = widths_m <= settings.marker_width_m + spots_m
+        bearing_sigmas = self._bearing_sigmas(ranges_m, increment)
+        if settings.post_width_m > 0.0:
+            ends = bright[starts], last
+            beams, bearing_sigmas = self._by_edges(
+                scan, intensities, ends, ranges_m, (beams, bearing_sigmas)
+            )
         bearings = wrap_angle(scan.geometry.angle_min + beams * scan.geometry.angle_increment)
         reliabilities = np.where(
             num_hits == 1, settings.single_hit_reliability, settings.reliability
@@ -115,8 +140,39 @@ class ReflectorDetector:
             ranges_m[narrow] + settings.centre_offset_m,
             bearings[narrow],
             np.full(narrow.sum(), math.hypot(settings.range_sigma_m, settings.range_systematic_m)),
-            self._bearing_sigmas(ranges_m[narrow], increment),
+            bearing_sigmas[narrow],
             reliabilities[narrow],
+        )
+
+    def _by_edges(
+        self,
+        scan: LaserScan,
+        intensities: FloatArray,
+        ends: tuple[IntArray, IntArray],
+        ranges_m: FloatArray,
+        by_mean: tuple[FloatArray, FloatArray],
+    ) -> tuple[FloatArray, FloatArray]:
+        """Beam numbers and bearing sigmas; those `by_mean` where the edges contradict each other.
+
+        What the bounds leave open is uniform.
+        """
+        settings = self._settings
+        increment = abs(scan.geometry.angle_increment)
+        spots = settings.beam_divergence + settings.beam_exit_m / ranges_m
+        half_m = 0.5 * settings.post_width_m
+        reaches = (np.arcsin(half_m / (ranges_m + half_m)) + 0.5 * spots) / increment
+        low, high = beam_bounds(
+            Sweep(scan.ranges_m, intensities / settings.saturated_intensity),
+            ends,
+            ranges_m,
+            reaches,
+            settings.saturation_share * spots / increment,
+        )
+        agree = high - low >= -2.0 * settings.edge_sigma / increment
+        left_open = increment * np.maximum(high - low, 0.0) / math.sqrt(12.0)
+        return (
+            np.where(agree, 0.5 * (low + high), by_mean[0]),
+            np.where(agree, np.hypot(left_open, settings.edge_sigma), by_mean[1]),
         )
 
     def _bearing_sigmas(self, ranges_m: FloatArray, increment: float) -> FloatArray:
