@@ -1,4 +1,4 @@
-"""The figures of optical markers, and of reflectors in a real car park."""
+"""The figures of optical markers, measured on simulated images of the seeds given."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
