@@ -1,5 +1,6 @@
 """Where the centre of a square is, from its four corners in an image."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -42,11 +43,9 @@ def marker_centre(
     matrix = np.diag([camera.focal_px, camera.focal_px, 1.0])
     matrix[:2, 2] = camera.centre_px
     square, corners_px = edge_m * _SQUARE, np.ascontiguousarray(corners_px[::-1])
-    _, turns, places, _ = cv2.solvePnPGeneric(
-        square, corners_px, matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
-    )
     chi2, centres, covariances = [], [], []
-    for start in zip(turns, places, strict=True):
+    for start in _starts(square, corners_px, matrix):
+        # A second solution that is no minimum of its own runs into the first here.
         turn, place = cv2.solvePnPRefineLM(square, corners_px, matrix, None, *start)
         projected, jacobian = cv2.projectPoints(square, turn, place, matrix, None)
         information = jacobian[:, :6].T @ jacobian[:, :6] / sigma_px**2
@@ -58,3 +57,28 @@ def marker_centre(
     apart = np.array(centres) - centres[best]
     spread = np.einsum("k,ki,kj->ij", likely / likely.sum(), apart, apart)
     return MarkerCentre(centres[best], covariances[best] + spread)
+
+
+def _starts(
+    square: FloatArray, corners_px: FloatArray, matrix: FloatArray
+) -> Sequence[tuple[FloatArray, FloatArray]]:
+    """IPPE's rotation vectors and places (3, 1); of a square that faces the camera it has none."""
+    _, turns, places, _ = cv2.solvePnPGeneric(
+        square, corners_px, matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+    )
+    starts = [
+        (np.asarray(turn, dtype=np.float64), np.asarray(place, dtype=np.float64))
+        for turn, place in zip(turns, places, strict=True)
+        if np.isfinite(turn).all() and np.isfinite(place).all()
+    ]
+    if starts:
+        return starts
+    ahead = np.linalg.solve(matrix, np.append(corners_px.mean(axis=0), 1.0))
+    depth_m = matrix[0, 0] * np.sqrt(np.ptp(square, axis=0).max() ** 2 / _area(corners_px))
+    return [(np.zeros((3, 1)), depth_m * ahead[:, None])]
+
+
+def _area(corners: FloatArray) -> float:
+    """Of a polygon (n, 2)."""
+    x, y = corners.T
+    return float(0.5 * np.abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))))

@@ -224,6 +224,20 @@ def test_the_other_pose_widens_the_covariance_while_it_is_likely() -> None:
     assert np.linalg.eigvalsh(growth)[-1] > 0.001**2
 
 
+@pytest.mark.parametrize("depth_m", [1.0727345794727228, 0.6107786407403831, 1.0, 3.3])
+@pytest.mark.parametrize("turn", [0.0, 1e-9, 1e-4])
+def test_an_exactly_facing_square_has_a_pose(depth_m: float, turn: float) -> None:
+    """Of some of the first two IPPE says NaN."""
+    camera = CameraGeometry(640, 480, 457.0, (319.5, 239.5))
+    half_m = 0.0825
+    corners = half_m * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    depths_m = depth_m + np.sin(turn) * corners[:, :1]
+    corners_px = 457.0 * corners * (np.cos(turn), 1.0) / depths_m + [319.5, 239.5]
+    centre = marker_centre(camera, 2.0 * half_m, corners_px, 0.02)
+    np.testing.assert_allclose(centre.optical_t_marker, [0.0, 0.0, depth_m], atol=1e-6)
+    assert np.linalg.eigvalsh(centre.covariance)[0] > 0.0
+
+
 @pytest.mark.parametrize("shrunk_px", [-1.0, 0.6])
 def test_shrinkage_can_be_estimated_and_is_taken_out(shrunk_px: float) -> None:
     """Squares printed a little larger or smaller than said, at the distances given."""
