@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semgraph.arrays import FloatArray
+from semgraph.arrays import BoolArray, FloatArray
 
 _ROUNDS = 3
 _ALONG = np.linspace(0.06, 0.94, 32)
@@ -14,6 +14,7 @@ _ACROSS = np.linspace(-1.0, 1.0, 17)
 _SHARE_OF_CELL = 0.6
 _MAX_REACH_PX = 3.0
 _SMEAR = 2.7
+_CLIPPED = 252.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,11 +25,13 @@ class Corners:
         corners_px: (n, 4, 2).
         sigmas_px: (n,) of a corner's coordinate, from noise and blur.
         misfits_px: (n,) RMS distance of the edges' samples from straight lines.
+        are_overexposed: (n,) the white about it is clipped, so that black looks smaller.
     """
 
     corners_px: FloatArray
     sigmas_px: FloatArray
     misfits_px: FloatArray
+    are_overexposed: BoolArray
 
 
 def refine_corners(
@@ -69,7 +72,8 @@ def refine_corners(
     noises = misfits * np.sqrt(5.0 / np.minimum(lengths.mean(axis=(1, 2)), len(_ALONG)))
     # What blur mixes in from the next cells; fits blurs of 0.5 to 1 px, cells of 1.6 to 5 px.
     smears = _SMEAR * blur_px * (blur_px / cells_px.min(axis=1)) ** 3
-    return Corners(corners, np.hypot(noises, smears), misfits)
+    whites = np.median(levels[..., -1], axis=2).max(axis=1)
+    return Corners(corners, np.hypot(noises, smears), misfits, whites >= _CLIPPED)
 
 
 def _cells_px(corners: FloatArray, outward: FloatArray, num_cells: int) -> FloatArray:

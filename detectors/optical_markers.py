@@ -33,6 +33,9 @@ class OpticalMarkerSettings(BaseModel):
         description="how much too short the edge appears: glare, print (see `shrinkage_px`)",
     )
     shrinkage_sigma_px: float = Field(default=0.02, ge=0.0, description="how well that is known")
+    overexposed_sigma_px: float = Field(
+        default=0.2, ge=0.0, description="the same where the white about a marker is clipped"
+    )
     corner_sigma_px: float = Field(
         default=0.01, gt=0.0, description="of a corner beside noise and blur: lens, print"
     )
@@ -78,7 +81,7 @@ class OpticalMarkerDetector:
         ]
         optical = np.array([centre.optical_t_marker for centre in centres]).reshape(-1, 3)
         covariances = np.array([centre.covariance for centre in centres]).reshape(-1, 3, 3)
-        along = optical * self._settings.shrinkage_sigma_px / _edges_px(corners.corners_px)[:, None]
+        along = optical * (self._shrinkage_sigmas(corners) / _edges_px(corners.corners_px))[:, None]
         covariances += along[:, :, None] * along[:, None]
         return self._perceptions(image, ids, optical, covariances)
 
@@ -100,7 +103,14 @@ class OpticalMarkerDetector:
         )
         grown = _grown(corners.corners_px[right], settings.shrinkage_px)
         sigmas_px = np.hypot(corners.sigmas_px[right], settings.corner_sigma_px)
-        return ids[right], Corners(grown, sigmas_px, corners.misfits_px[right])
+        return ids[right], Corners(
+            grown, sigmas_px, corners.misfits_px[right], corners.are_overexposed[right]
+        )
+
+    def _shrinkage_sigmas(self, corners: Corners) -> FloatArray:
+        settings = self._settings
+        known, clipped = settings.shrinkage_sigma_px, settings.overexposed_sigma_px
+        return np.where(corners.are_overexposed, max(known, clipped), known)
 
     def _perceptions(
         self,

@@ -198,6 +198,18 @@ def test_covariance_is_honest(distance_m: float, turn: float) -> None:
     assert 0.4 < np.mean(nees) < 4.5
 
 
+def test_an_overexposed_image_is_known_less_well_and_honestly() -> None:
+    camera = MarkerCamera(_camera(), exposures=(1.25, 1.4))
+    nees = []
+    for seed in range(30):
+        markers = _markers(np.array([[1.5 + 0.02 * seed, 0.1]]), np.array([0.3]))
+        image = camera.image(markers, POSE, np.random.default_rng(seed))
+        found = _detector().detect(image)
+        error = np.array([found.ranges_m[0] - 1.5 - 0.02 * seed, found.bearings[0] - 0.1])
+        nees.append(error @ np.linalg.solve(found.covariances[0], error))
+    assert 0.4 < np.mean(nees) < 4.5
+
+
 def test_a_steep_marker_is_known_less_well() -> None:
     sigmas = []
     for turn in (0.3, 1.15):
