@@ -186,7 +186,7 @@ def reflectors(seeds: Sequence[int]) -> list[Row]:
 
     At 0.5 deg a post's edge mostly falls between two beams. The mean over the posterior of all
     that a scan holds - beams, intensities and ranges, the simulator's physics known - errs by
-    0.059 deg here: no detector gets to 0.05.
+    0.06 deg here: no detector gets to 0.05.
     """
     settings = {"centre_offset_m": 0.03 * np.pi / 4.0, "post_width_m": 0.06}
     detector = create_detector("reflectors", settings)

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from detectors.catalog import create_detector
-from detectors.marker_pose import marker_centre
 from detectors.optical_markers import OpticalMarkerDetector, OpticalMarkerSettings, shrinkage_px
 from semgraph.arrays import FloatArray
 from semgraph.geometry import Pose2, wrap_angle
@@ -216,38 +215,6 @@ def test_a_steep_marker_is_known_less_well() -> None:
         found = _detector().detect(_image(_markers(THREE[1:2], np.array([turn]))))
         sigmas.append(np.sqrt(found.covariances[0, 0, 0]))
     assert sigmas[1] > 1.3 * sigmas[0]
-
-
-def test_the_other_pose_widens_the_covariance_while_it_is_likely() -> None:
-    """A far square: exact corners fit one pose, worse ones both, whose centres differ by mm."""
-    device = MarkerCamera(_camera())
-    markers = _markers(np.array([[6.0, 0.2]]), np.array([0.5]))
-    corners_px, _ = device.project(markers.world_t_corners(), POSE, Tilt())
-    camera = device.camera
-    certain, still_certain, doubtful = (
-        marker_centre(camera, EDGE_M, corners_px[0], sigma_px) for sigma_px in (1e-4, 2e-4, 0.3)
-    )
-    true = markers.world_t_markers[0] - [POSE.x, POSE.y, 1.0]
-    np.testing.assert_allclose(
-        np.linalg.norm(certain.optical_t_marker), np.linalg.norm(true), rtol=1e-4
-    )
-    np.testing.assert_allclose(still_certain.covariance, 4.0 * certain.covariance, atol=1e-12)
-    growth = doubtful.covariance - certain.covariance * (0.3 / 1e-4) ** 2
-    assert np.linalg.eigvalsh(growth)[-1] > 0.001**2
-
-
-@pytest.mark.parametrize("depth_m", [1.0727345794727228, 0.6107786407403831, 1.0, 3.3])
-@pytest.mark.parametrize("turn", [0.0, 1e-9, 1e-4])
-def test_an_exactly_facing_square_has_a_pose(depth_m: float, turn: float) -> None:
-    """Of some of the first two IPPE says NaN."""
-    camera = CameraGeometry(640, 480, 457.0, (319.5, 239.5))
-    half_m = 0.0825
-    corners = half_m * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    depths_m = depth_m + np.sin(turn) * corners[:, :1]
-    corners_px = 457.0 * corners * (np.cos(turn), 1.0) / depths_m + [319.5, 239.5]
-    centre = marker_centre(camera, 2.0 * half_m, corners_px, 0.02)
-    np.testing.assert_allclose(centre.optical_t_marker, [0.0, 0.0, depth_m], atol=1e-6)
-    assert np.linalg.eigvalsh(centre.covariance)[0] > 0.0
 
 
 @pytest.mark.parametrize("shrunk_px", [-1.0, 0.6])
