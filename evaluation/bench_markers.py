@@ -76,18 +76,20 @@ def optical_markers(seeds: Sequence[int]) -> list[Row]:
 
 
 def marker_outcomes(
-    seeds: Sequence[int], widths_px: tuple[float, float], edge_m: float = EDGE_M
+    seeds: Sequence[int],
+    widths_px: tuple[float, float],
+    images_per_seed: int = IMAGES_PER_SEED,
 ) -> MarkerOutcomes:
-    """What the detector makes of markers so wide, `IMAGES_PER_SEED` of each seed."""
-    detector = OpticalMarkerDetector(OpticalMarkerSettings(edge_m=edge_m))
+    """What the detector makes of markers so wide."""
+    detector = OpticalMarkerDetector(OpticalMarkerSettings(edge_m=EDGE_M))
     device = MarkerCamera(CAMERA)
     errors, nees, num_false = [], [], 0
     for seed in seeds:
         rng = np.random.default_rng([seed, round(widths_px[0])])
-        for _ in range(IMAGES_PER_SEED):
+        for _ in range(images_per_seed):
             world_T_base = Pose2.from_array(rng.uniform(-3.0, 3.0, 3))
             tilt = Tilt(*rng.uniform(-0.05, 0.05, 2))
-            marker = _marker_in_sight(rng, world_T_base, tilt, widths_px, edge_m)
+            marker = _marker_in_sight(rng, world_T_base, tilt, widths_px)
             perceptions = detector.detect(device.image(marker, world_T_base, rng, tilt=tilt))
             right = perceptions.identities == str(marker.ids[0])
             num_false += int((~right).sum())
@@ -119,13 +121,12 @@ def _marker_in_sight(
     world_T_base: Pose2,
     tilt: Tilt,
     widths_px: tuple[float, float],
-    edge_m: float,
 ) -> OpticalMarkers:
     """One marker whose white border lies inside the image, too."""
     world_T_sensor = world_T_base @ CAMERA.mounting.base_T_sensor()
     device = MarkerCamera(CAMERA)
     while True:
-        distance_m = CAMERA.focal_px * edge_m / np.exp(rng.uniform(*np.log(widths_px)))
+        distance_m = CAMERA.focal_px * EDGE_M / np.exp(rng.uniform(*np.log(widths_px)))
         bearing = rng.uniform(-0.6, 0.6)
         sensor_t_marker = distance_m * np.array([[np.cos(bearing), np.sin(bearing)]])
         height_m = CAMERA.mounting.height_m + distance_m * rng.uniform(-0.5, 0.5)
@@ -133,7 +134,7 @@ def _marker_in_sight(
             rng.integers(NUM_IDS, size=1),
             np.column_stack([world_T_sensor.transform(sensor_t_marker), [height_m]]),
             np.array([world_T_sensor.theta + bearing + np.pi + rng.uniform(-_MAX_TURN, _MAX_TURN)]),
-            edge_m,
+            EDGE_M,
         )
         corners_px, depths_m = device.project(marker.world_t_corners(1.3), world_T_base, tilt)
         inside = (corners_px >= 3.0) & (corners_px <= (CAMERA.width - 4.0, CAMERA.height - 4.0))

@@ -96,7 +96,8 @@ class MarkerCamera:
             if (depths_m[k] > _NEAREST_M).all() and _is_front(corners_px[k]):
                 _paint(canvas, _texture(int(markers.ids[k])), corners_px[k])
         blurred = cv2.GaussianBlur(canvas, (0, 0), self.blur_px) if self.blur_px > 0.0 else canvas
-        seen = rng.uniform(*self.exposures) * blurred + self.noise * rng.normal(size=canvas.shape)
+        pixels = rng.standard_normal(canvas.shape, dtype=np.float32)
+        seen = rng.uniform(*self.exposures) * blurred + self.noise * pixels
         grey = np.clip(np.rint(seen), 0, 255).astype(np.uint8)
         return CameraImage(stamp_ns, self.camera, grey, tilt)
 

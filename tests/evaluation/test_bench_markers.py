@@ -20,7 +20,7 @@ def test_every_figure_of_optical_markers_is_measured_and_reached() -> None:
 
 
 def test_outcomes_repeat_and_differ_by_seed() -> None:
-    first, again, other = (marker_outcomes([seed], (60.0, 80.0)) for seed in (1, 1, 2))
+    first, again, other = (marker_outcomes([seed], (60.0, 80.0), 4) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first.range_shares, again.range_shares)
     assert first.detected.all()
     assert not np.array_equal(first.bearings, other.bearings)
