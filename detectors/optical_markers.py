@@ -37,7 +37,7 @@ class OpticalMarkerSettings(BaseModel):
         default=0.2, ge=0.0, description="the same where the white about a marker is clipped"
     )
     corner_sigma_px: float = Field(
-        default=0.015, gt=0.0, description="of a corner beside noise and blur: lens, print"
+        default=0.01, gt=0.0, description="of a corner beside noise and blur: lens, print"
     )
     blur_px: float = Field(
         default=0.7, ge=0.0, description="sigma of an edge in the image, lens and pixel together"
