@@ -49,8 +49,10 @@ def refine_corners(
         num_cells: along an edge of the square.
         blur_px: sigma of what makes the image unsharp, the pixels' own size included.
     """
-    from scipy.ndimage import map_coordinates
+    from scipy.ndimage import map_coordinates, spline_filter
 
+    # Linear interpolation is biased alike along an edge that keeps to the pixels' rows.
+    spline = spline_filter(grey.astype(np.float64), mode="nearest")
     corners: FloatArray = rough_px.astype(np.float64)
     for _ in range(_ROUNDS):
         ends = np.roll(corners, -1, axis=1)
@@ -63,7 +65,7 @@ def refine_corners(
         across = _ACROSS * reach[..., None]
         points = starts[..., None, :] + across[:, :, None, :, None] * outward[:, :, None, None]
         levels = map_coordinates(
-            grey.astype(np.float64), np.moveaxis(points, -1, 0)[::-1], order=1, mode="nearest"
+            spline, np.moveaxis(points, -1, 0)[::-1], mode="nearest", prefilter=False
         )
         offsets = _edge_offsets(levels) * reach[..., None]
         lines, misfits = _fitted_lines(offsets, lengths[..., 0])

@@ -34,7 +34,7 @@ class OpticalMarkerSettings(BaseModel):
     )
     shrinkage_sigma_px: float = Field(default=0.02, ge=0.0, description="how well that is known")
     overexposed_sigma_px: float = Field(
-        default=0.2, ge=0.0, description="the same where the white about a marker is clipped"
+        default=0.3, ge=0.0, description="the same where the white about a marker is clipped"
     )
     corner_sigma_px: float = Field(
         default=0.01, gt=0.0, description="of a corner beside noise and blur: lens, print"
@@ -89,7 +89,12 @@ class OpticalMarkerDetector:
         """Ids (n,) and corners of the squares that are markers."""
         settings = self._settings
         quads, found, _ = self._decoder.detectMarkers(image.grey)
-        ids = np.ravel(found).astype(np.int64) if len(quads) else np.zeros(0, np.int64)
+        if not len(quads):
+            nothing = np.zeros(0)
+            return nothing.astype(np.int64), Corners(
+                np.zeros((0, 4, 2)), nothing, nothing, nothing.astype(np.bool_)
+            )
+        ids = np.ravel(found).astype(np.int64)
         rough = np.array(quads, dtype=np.float64).reshape(-1, 4, 2)
         corners = refine_corners(image.grey, rough, _CELLS, settings.blur_px)
         edges_px = _edges_px(corners.corners_px)
