@@ -51,8 +51,10 @@ def test_the_centre_lies_behind_the_surface() -> None:
         ({10: (31.0, 9e3)}, []),
         ({10: (5.0, 150.0)}, []),
         (dict.fromkeys(range(10, 20), (5.0, 9e3)), []),
+        ({10: (2.4, 9e3), 13: (2.4, 9e3)}, [2.4]),
+        ({10: (2.4, 9e3), 15: (2.4, 9e3)}, [2.4, 2.4]),
     ],
-    ids=["one gap", "two gaps", "step", "near", "far", "dim", "wide"],
+    ids=["one gap", "two gaps", "step", "near", "far", "dim", "wide", "both edges", "near two"],
 )
 def test_grouping(hits: dict[int, tuple[float, float]], expected: list[float]) -> None:
     np.testing.assert_allclose(_detector().detect(_scan(hits)).ranges_m, expected)
