@@ -2,7 +2,7 @@
 
 import threading
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from queue import Empty, SimpleQueue
 from typing import Any, Final, final
@@ -17,6 +17,10 @@ STALL_S: Final = 2.0
 
 Choices = Mapping[str, Mapping[str, object]]
 """Settings by the detector's name; what is left out has its default."""
+
+
+def _as_found(perceptions: Perceptions) -> Perceptions:
+    return perceptions
 
 
 @final
@@ -63,15 +67,22 @@ class DetectorBank:
         self._guards = {**kept, **guards}
         self._choices = _copied(choices)
 
-    def perceive(self, measurement: Raw) -> Perceptions:
-        """What all that look at it find in it, relative to base."""
+    def perceive(
+        self, measurement: Raw, correct: Callable[[Perceptions], Perceptions] = _as_found
+    ) -> Perceptions:
+        """What all that look at it find in it, relative to base.
+
+        Args:
+            measurement: of one sensor.
+            correct: what is to be done to perceptions that are relative to the sensor.
+        """
         parts = []
         for name, guard in self._guards.items():
             if not isinstance(measurement, guard.looks_at) or guard.is_stalled:
                 continue
             outcome = guard.detect(measurement, self._stall_s)
             if isinstance(outcome, Perceptions):
-                parts.append(outcome.seen_from(measurement.base_T_sensor))
+                parts.append(correct(outcome).seen_from(measurement.base_T_sensor))
             else:
                 self._faults[name, outcome.reason] += 1
         return concatenate(measurement.stamp_ns, parts)
@@ -125,7 +136,7 @@ class _Guard:
 
     def _attempt(self, measurement: Raw) -> Perceptions | _Fault:
         try:
-            outcome = self.detector.detect(measurement)
+            outcome: object = self.detector.detect(measurement)
         except Exception as error:  # noqa: BLE001  # code from outside may raise anything
             return _Fault(f"{type(error).__name__}: {str(error).partition(chr(10))[0]}")
         if not isinstance(outcome, Perceptions) or outcome.stamp_ns != measurement.stamp_ns:

@@ -38,7 +38,7 @@ def _call(parsed: argparse.Namespace) -> None:
         case "demo":
             commands.demo(parsed.output)
         case "run":
-            commands.run(parsed.source, parsed.output, parsed.settings, parsed.set)
+            commands.run(parsed.source, parsed.output, parsed.settings, parsed.set, parsed.live)
         case "evaluate":
             commands.evaluate(parsed.folder)
         case "compare":
@@ -73,6 +73,12 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         metavar="KEY=VALUE",
         help="one setting, e.g. fast.search_radius_m=0.8; without a section: of the source",
+    )
+    run.add_argument(
+        "--live",
+        type=Path,
+        metavar="FILE",
+        help="settings whose filters and detectors may be changed while the run goes on",
     )
 
     for name, what in (

@@ -8,17 +8,15 @@ from typing import Any, Final
 from rich.console import Console
 from rich.table import Table
 
-from detectors.catalog import create_detector, detector_settings
-from detectors.detector import Detector
 from evaluation.metrics import Metric
 from evaluation.report import evaluate_folder, table_rows
 from evaluation.trajectory import trajectory_difference
 from evaluation.truth_files import write_truth
 from semgraph import pipeline, results, staging, viewer
+from semgraph.perceiving import Perceiver
 from semgraph.progress import progress
 from semgraph.settings import Settings, load_settings
 from sensors.catalog import open_source, source_options
-from sensors.measurements import Recording
 
 DEMO_SOURCE: Final = "course:paper"
 RESULTS: Final = Path("results")
@@ -26,9 +24,15 @@ RUN_RRD: Final = "run.rrd"
 
 
 def run(
-    source: str, output: Path | None, settings_file: Path | None, assignments: Sequence[str]
+    source: str,
+    output: Path | None,
+    settings_file: Path | None,
+    assignments: Sequence[str],
+    live: Path | None = None,
 ) -> None:
     """Runs a source, writes its results, and prints what came out.
+
+    `live` is a settings file that is looked at between scans.
 
     Raises:
         SemgraphError: anything that a user can put right.
@@ -38,11 +42,12 @@ def run(
     with console.status(f"reading {source}"):
         opened = open_source(source, settings.source)
     folder = output or staging.new_results_folder(RESULTS, datetime.now().astimezone())
-    detector, effective = _effective(source, opened.recording, settings)
+    perceiver = Perceiver(opened.recording, settings, live)
+    effective = _effective(source, settings, perceiver)
     with results.staged_results(folder) as staged:
         recording = opened.recording
         with progress(console, recording.name, recording.num_scans) as report:
-            result = pipeline.run(recording, settings, detector, report, effective)
+            result = pipeline.run(recording, settings, perceiver, report, effective)
         results.write_files(result, staged)
         write_truth(staged, opened.truth)
         viewer.write_recording(result, staged / RUN_RRD)
@@ -83,20 +88,14 @@ def view(folder: Path) -> None:
     viewer.open_viewer(folder / RUN_RRD)
 
 
-def _effective(
-    source: str, recording: Recording, settings: Settings
-) -> tuple[Detector[Any] | None, dict[str, Any]]:
-    """The detector of a recording, and all settings as they hold, defaults included."""
+def _effective(source: str, settings: Settings, perceiver: Perceiver) -> dict[str, Any]:
+    """All settings as they hold, defaults included."""
     effective = settings.model_dump(mode="json")
     options = source_options(source).model_validate(settings.source)
     effective["source"] = options.model_dump(mode="json", exclude_none=True)
-    if not recording.detector:
-        return None, effective
-    chosen = {**recording.detector_settings, **settings.detector}
-    detector = create_detector(recording.detector, chosen)
-    complete = detector_settings(recording.detector).model_validate(chosen)
-    effective["detector"] = complete.model_dump(mode="json", exclude_none=True)
-    return detector, effective
+    effective["filters"] = [each.model_dump(mode="json") for each in perceiver.filters]
+    effective["detectors"] = perceiver.bank.effective()
+    return effective
 
 
 _COMPARED: Final = (

@@ -6,18 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from detectors.detector import Detector
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
 from semgraph.fast_estimator import FastEstimator
-from semgraph.geometry import UncertainPose2
+from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions
 from semgraph.motion_model import OdometryAccumulator
+from semgraph.perceiving import Perceiver
 from semgraph.progress import Report
 from semgraph.results import RunResult
 from semgraph.settings import Settings
 from semgraph.smoother import Smoother
-from sensors.measurements import LaserScan, Recording, WheelOdometry
+from sensors.measurements import ImuSample, Raw, Recording, WheelOdometry
 
 # One moment: what was perceived, and the wheels' motion since the moment before.
 Moment = tuple[Perceptions, UncertainPose2 | None]
@@ -26,7 +26,7 @@ Moment = tuple[Perceptions, UncertainPose2 | None]
 def run(
     recording: Recording,
     settings: Settings,
-    detector: Detector[Any] | None,
+    perceiver: Perceiver,
     report: Report,
     effective_settings: dict[str, Any],
 ) -> RunResult:
@@ -35,12 +35,12 @@ def run(
     Args:
         recording: what the estimators may see.
         settings: of the estimators.
-        detector: for recordings of scans.
+        perceiver: for recordings of scans, clouds and images.
         report: told the number of scans done, then what settles.
         effective_settings: kept beside the results.
 
     Raises:
-        InputError: scans without a detector, or nothing to run on.
+        InputError: measurements without a detector, or nothing to run on.
         GraphError: the graph cannot be solved, not even from its own log.
     """
     started = time.perf_counter()
@@ -50,10 +50,13 @@ def run(
     stamps_ns: list[int] = []
     poses: list[np.ndarray] = []
     fast_seconds: list[float] = []
-    for perceptions, odometry in moments(recording, detector):
+    for perceptions, odometry in moments(recording, perceiver):
         before = time.perf_counter()
         step = fast.step(perceptions, odometry)
         fast_seconds.append(time.perf_counter() - before)
+        if poses:
+            moved = Pose2(*poses[-1]).between(step.map_T_base.pose)
+            perceiver.moved(moved, (perceptions.stamp_ns - stamps_ns[-1]) * 1e-9)
         smoother.add(tracker.step(perceptions, odometry), perceptions)
         stamps_ns.append(perceptions.stamp_ns)
         poses.append(step.map_T_base.pose.as_array())
@@ -70,33 +73,27 @@ def run(
         fast_seconds=np.array(fast_seconds),
         wall_seconds=time.perf_counter() - started,
         num_scans=len(stamps_ns),
-        events=smoother.events,
+        events=(*smoother.events, *perceiver.events),
         settings=effective_settings,
         fast_landmarks=tuple(fast.navigation_map),
     )
 
 
-def moments(recording: Recording, detector: Detector[Any] | None) -> Iterator[Moment]:
-    """What the estimators see, scan by scan, relative to base.
+def moments(recording: Recording, perceiver: Perceiver) -> Iterator[Moment]:
+    """What the estimators see, moment by moment, relative to base.
 
     Raises:
-        InputError: a scan, and no detector for it.
+        InputError: a measurement, and no detector for it.
     """
     noise = recording.odometry_noise
     wheels = OdometryAccumulator(noise) if noise is not None else None
     for measurement in recording.measurements:
         if isinstance(measurement, WheelOdometry) and wheels is not None:
             wheels.add(measurement)
-        elif isinstance(measurement, Perceptions | LaserScan):
-            perceptions = _perceive(measurement, detector, recording.name)
-            yield perceptions, wheels.take() if wheels is not None else None
-
-
-def _perceive(
-    measurement: Perceptions | LaserScan, detector: Detector[Any] | None, name: str
-) -> Perceptions:
-    if isinstance(measurement, Perceptions):
-        return measurement
-    if detector is None:
-        raise InputError(f"{name}: expected a detector for its scans; name one in recording.toml")
-    return detector.detect(measurement).seen_from(measurement.geometry.base_T_laser)
+        elif isinstance(measurement, ImuSample):
+            perceiver.lean(measurement)
+        elif isinstance(measurement, Perceptions | Raw):
+            seen = measurement
+            if not isinstance(seen, Perceptions):
+                seen = perceiver.perceive(seen)
+            yield seen, wheels.take() if wheels is not None else None

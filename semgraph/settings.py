@@ -3,7 +3,7 @@
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -21,14 +21,16 @@ class TrackerSettings(FastSettings):
 class Settings(BaseModel):
     """The sections of a settings file.
 
-    `source` holds the options of the source, `detector` the settings of its detector; both are
-    checked where they are used.
+    `source` holds the options of the source, `detectors` the settings of each detector by its name
+    (false leaves out one of the source's), `filters` what is done to scans before (None: what the
+    source asks for). They are checked where they are used.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     source: dict[str, Any] = Field(default_factory=dict)
-    detector: dict[str, Any] = Field(default_factory=dict)
+    filters: list[dict[str, Any]] | None = None
+    detectors: dict[str, dict[str, Any] | Literal[False]] = Field(default_factory=dict)
     fast: FastSettings = FastSettings()
     tracker: TrackerSettings = TrackerSettings()
     smoother: SmootherSettings = SmootherSettings()
@@ -49,12 +51,29 @@ def load_settings(file: Path | None, assignments: Sequence[str]) -> Settings:
         key, separator, value = assignment.partition("=")
         if not separator or not key:
             raise SettingsError(f"--set {assignment}: expected key=value")
-        section, _, name = key.rpartition(".")
-        table = tables.setdefault(section or "source", {})
-        if not isinstance(table, dict):
-            raise SettingsError(f"--set {assignment}: {section} is no section")
-        table[name] = value
+        *sections, name = key.split(".") if "." in key else _place(key)
+        table = tables
+        for section in sections:
+            table = table.setdefault(section, {})
+            if not isinstance(table, dict):
+                raise SettingsError(f"--set {assignment}: {section} is no section")
+        table[name] = _value(assignment, value)
     return _validated(tables, str(file) if file is not None else "--set")
+
+
+def _place(key: str) -> tuple[str, ...]:
+    """A key without a section is the source's, but for the list of filters."""
+    return (key,) if key == "filters" else ("source", key)
+
+
+def _value(assignment: str, text: str) -> object:
+    """Lists, tables and truth values as TOML has them; the rest is read by who takes it."""
+    if not text.startswith(("[", "{")) and text not in ("true", "false"):
+        return text
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError as error:
+        raise SettingsError(f"--set {assignment}: expected TOML: {error}") from error
 
 
 def _read(file: Path) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """What a sensor says, stamped. No logic lives here."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -265,6 +265,7 @@ class Recording:
         odometry_noise: the vehicle's, or None where there is no odometry.
         detectors: by name, those that look at what its devices measure, with what these devices
             need set in them; none where perceptions come ready.
+        filters: what is to be done to scans before, as tables of settings.
         map_T_start: the known pose at the start; it defines the frame map.
     """
 
@@ -273,4 +274,5 @@ class Recording:
     num_scans: int
     odometry_noise: OdometryNoise | None = None
     detectors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    filters: Sequence[Mapping[str, object]] = ()
     map_T_start: Pose2 = field(default_factory=Pose2)

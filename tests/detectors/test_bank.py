@@ -1,7 +1,6 @@
 """Detectors side by side: changed while running, and none of them can stop the others."""
 
 import time
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -66,13 +65,12 @@ KINDS = {
 
 
 @pytest.fixture(autouse=True)
-def detectors(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def detectors(monkeypatch: pytest.MonkeyPatch) -> None:
     def create(name: str, values: dict[str, object]) -> object:
         return KINDS[name].build(KINDS[name].settings.model_validate(values))
 
     monkeypatch.setattr(bank_module, "detector_type", KINDS.__getitem__)
     monkeypatch.setattr(bank_module, "create_detector", create)
-    return
 
 
 def scan_at(stamp_ns: int) -> LaserScan:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from detectors.catalog import _load, create_detector, detector_names
+from detectors.catalog import create_detector, detector_names, detector_type
 from semgraph.arrays import FloatArray
 from semgraph.geometry import wrap_angle
 from semgraph.landmarks import Perceptions
@@ -17,7 +17,7 @@ STAMP_NS = 1_234_567_890_123_456_789
 ODD_RANGES = st.sampled_from([np.nan, np.inf, -np.inf, 0.0, 0.05, 1.0, 5.0, 59.9, 1e6, -3.0])
 
 every_detector = pytest.mark.parametrize(
-    "name", [name for name in detector_names() if _load(name).looks_at is LaserScan]
+    "name", [name for name in detector_names() if detector_type(name).looks_at is LaserScan]
 )
 
 

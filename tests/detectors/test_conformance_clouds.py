@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from detectors.catalog import _load, create_detector, detector_names
+from detectors.catalog import create_detector, detector_names, detector_type
 from semgraph.arrays import FloatArray
 from semgraph.geometry import Pose2, rotation, wrap_angle
 from semgraph.landmarks import Perceptions
@@ -19,7 +19,7 @@ from sensors.simulation.world_3d import UnderstoreySettings, World3d, raise_up
 STAMP_NS = 1_234_567_890_123_456_789
 DEVICE = Lidar3d(num_rings=32, num_columns=1024, range_sigma_m=0.0, dropout=0.0)
 every_detector = pytest.mark.parametrize(
-    "name", [name for name in detector_names() if _load(name).looks_at is PointCloud]
+    "name", [name for name in detector_names() if detector_type(name).looks_at is PointCloud]
 )
 COORDINATES = st.sampled_from([0.0, -0.0, 1e-300, 1.0, 5.0, 1e6]) | st.floats(-40.0, 40.0)
 

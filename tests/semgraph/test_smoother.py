@@ -11,6 +11,7 @@ from evaluation.consistency import bounds_of_mean, gauge, pose_nees
 from evaluation.metrics import judge
 from semgraph.arrays import FloatArray
 from semgraph.landmarks import Kind, Perceptions
+from semgraph.perceiving import Perceiver
 from semgraph.pipeline import run
 from semgraph.progress import Silence
 from semgraph.results import RunResult
@@ -43,7 +44,8 @@ class Judged:
 
 
 def ran(recording: Recording) -> RunResult:
-    return run(recording, load_settings(None, []), None, Silence(), {})
+    settings = load_settings(None, [])
+    return run(recording, settings, Perceiver(recording, settings), Silence(), {})
 
 
 @cache
