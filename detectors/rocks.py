@@ -1,0 +1,68 @@
+"""Rocks in depth images: what stands out of the local ground, on several levels."""
+
+from typing import Final, final
+
+import numpy as np
+
+from detectors.detector import DetectorType
+from detectors.levelled_raster import levelled_raster
+from detectors.rock_calibration import reliabilities, rocks_of, scores
+from detectors.rock_segments import rock_segments, standing_pixels
+from detectors.rock_settings import RockSettings
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.landmarks import Kind, Perceptions
+from sensors.measurements import DepthImage
+
+
+@final
+class RockDetector:
+    """Local ground, what stands out of it, and of parts within parts those most like a rock."""
+
+    def __init__(self, settings: RockSettings) -> None:
+        self._settings: Final = settings
+
+    def detect(self, image: DepthImage) -> Perceptions:
+        """Rocks relative to the camera's point and heading in the plane."""
+        settings = self._settings
+        raster = levelled_raster(image, settings.stride_px)
+        pixels = standing_pixels(raster, settings)
+        segments = rock_segments(raster, pixels)
+        rocks = rocks_of(segments)
+        reliability = reliabilities(scores(segments))
+        fit = (
+            (rocks.diameters_m > settings.diameter_min_m)
+            & (rocks.diameters_m < settings.diameter_max_m)
+            & (rocks.ranges_m < settings.range_max_m)
+            & (segments.cut < _MAX_CUT)
+            & (reliability >= settings.min_reliability)
+        )
+        kept = _apart(np.flatnonzero(fit), reliability, pixels.labels)
+        return Perceptions.from_arrays(
+            image.stamp_ns,
+            Kind.ROCK,
+            rocks.ranges_m[kept],
+            rocks.bearings[kept],
+            rocks.covariances[kept],
+            diameters_m=rocks.diameters_m[kept],
+            diameter_sigmas_m=rocks.diameter_sigmas_m[kept],
+            reliabilities=reliability[kept],
+        )
+
+
+_MAX_CUT: Final = 0.5
+
+
+def _apart(candidates: IntArray, scores: FloatArray, labels: IntArray) -> IntArray:
+    """Those of the parts that share no pixel with one of a higher score, the best first."""
+    chosen = []
+    free = np.zeros(len(scores), np.bool_)
+    free[candidates] = True
+    for part in candidates[np.argsort(-scores[candidates], kind="stable")]:
+        if free[part]:
+            chosen.append(part)
+            related = labels[:, (labels == part).any(axis=0)]
+            free[related[related >= 0]] = False
+    return np.array(chosen, dtype=np.int64)
+
+
+ROCKS = DetectorType(RockSettings, RockDetector, looks_at=DepthImage)
