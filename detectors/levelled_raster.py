@@ -17,8 +17,8 @@ class LevelledRaster:
         z: m above the ground point of base.
         ranges_m: in the plane.
         depths_m: along the optical axis.
-        height_m: of the sensor.
-        focal_px: in pixels of the raster.
+        height_m: of the sensor above the ground point of base.
+        focal_px: of the image.
     """
 
     x: FloatArray
@@ -46,4 +46,4 @@ def levelled_raster(image: DepthImage, stride: int) -> LevelledRaster:
         depths_m * ((ahead + up * rise)[:, None] + left * across) + start
         for (ahead, across, rise), start in zip(rotation, offset, strict=True)
     )
-    return LevelledRaster(x, y, z, np.hypot(x, y), depths_m, float(offset[2]), camera.focal_px / stride)
+    return LevelledRaster(x, y, z, np.hypot(x, y), depths_m, float(offset[2]), camera.focal_px)

@@ -10,14 +10,14 @@ from semgraph.arrays import FloatArray
 from semgraph.landmarks import polar_covariances
 
 # Fitted on simulated terrain (smooth, medium and rough; seeds 1 to 20). Lengths in m.
-_LOG_DIAMETER: Final = np.array([0.189, 0.952, -1.138, 1.642])
-_CENTRE_BEHIND: Final = (0.398, -0.184)
-_RANGE_SIGMA: Final = (0.1, 0.5, 0.015)
-_ACROSS_SIGMA: Final = (0.06, 0.1, 0.012)
+_LOG_DIAMETER: Final = np.array([0.19, 0.954, -1.132, 1.637])
+_CENTRE_BEHIND: Final = (0.309, -0.188, 0.439)
+_RANGE_SIGMA: Final = (0.053, 0.44, 0.01)
+_ACROSS_SIGMA: Final = (0.03, 0.15, 0.006)
 _LOG_DIAMETER_SIGMA: Final = 0.18
-_WEIGHTS: Final = np.array([-0.96, -4.05, 0.35, -0.23, -3.42, 3.52, -2.99, 2.1, 1.48, 4.63, -0.79, 0.04, 1.91, 0.55])
-_SCORES: Final = tuple(np.linspace(-6,6,25))
-_FREQUENCIES: Final = tuple(1/(1+np.exp(-np.linspace(-6,6,25))))
+_WEIGHTS: Final = np.array([-0.51, -4.21, 0.37, -0.23, -3.39, 3.48, -3.1, 2.08, 1.22, 5.12, -0.86, 0.07, 1.92, 0.57])
+_SCORES: Final = (-1.75, -1.0, -0.5, 0.0, 0.5, 1.0, 1.75, 2.5, 3.5)
+_FREQUENCIES: Final = (0.18, 0.3, 0.37, 0.48, 0.62, 0.76, 0.945, 0.98, 0.999)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,8 +39,12 @@ def rocks_of(segments: RockSegments) -> Rocks:
     cut_off = segments.least_m / segments.heights_m
     regressors = [np.ones_like(cut_off), np.log(widths_m(segments) + 0.03), cut_off, cut_off**2]
     diameters_m = np.exp(_LOG_DIAMETER @ np.stack(regressors))
-    behind, less = _CENTRE_BEHIND
-    ranges_m = segments.ranges_m + diameters_m * (behind + less * cut_off)
+    of_diameter, less, of_range_sigma = _CENTRE_BEHIND
+    ranges_m = (
+        segments.ranges_m
+        + diameters_m * (of_diameter + less * cut_off)
+        + of_range_sigma * segments.range_sigmas_m
+    )
     range_sigmas_m = _sigmas_m(_RANGE_SIGMA, diameters_m, segments.range_sigmas_m)
     across_sigmas_m = _sigmas_m(_ACROSS_SIGMA, diameters_m, segments.range_sigmas_m)
     return Rocks(

@@ -1,142 +1,36 @@
-"""Parts of a depth image that stand out of the ground, and what they look like."""
+"""What connected parts that stand out of the ground look like."""
 
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from detectors.ground import fit_ground
 from detectors.levelled_raster import LevelledRaster
-from detectors.rock_settings import RockSettings
+from detectors.rock_pixels import LEVELS, StandingPixels
 from semgraph.arrays import BoolArray, FloatArray, IntArray
 
-_MAD_TO_SIGMA: Final = 1.4826
-_LEVELS: Final = (1.0, 1.6, 2.5, 4.0)
 _BEYOND: Final = 2
-_UPRIGHT: Final = 0.6
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StandingPixels:
-    """Pixels (n,) that stand out of the ground, and how they hang together.
-
-    Attributes:
-        rows, columns: in the raster.
-        ranges_m, bearings, above_m: in the plane, and above the ground.
-        least_m: that far above the ground a pixel must be to stand out at all.
-        spreads_m: standard deviation of ground there, noise included.
-        range_sigmas_m: of each.
-        labels: (levels, n) the part that each is in where only what stands out so many times the
-            least counts, -1 for none; the numbers differ from level to level.
-        above_image_m: (rows, columns) of the whole raster.
-    """
-
-    rows: IntArray
-    columns: IntArray
-    ranges_m: FloatArray
-    bearings: FloatArray
-    above_m: FloatArray
-    least_m: FloatArray
-    spreads_m: FloatArray
-    range_sigmas_m: FloatArray
-    labels: IntArray
-    above_image_m: FloatArray
-
-
-def standing_pixels(raster: LevelledRaster, settings: RockSettings) -> StandingPixels:
-    """What stands out of the ground around it."""
-    ranges_m = raster.ranges_m
-    inside = (ranges_m > settings.range_min_m) & (ranges_m < settings.range_max_m)
-    above_image_m = np.full(inside.shape, np.nan)
-    if inside.any():
-        x, y, z = raster.x[inside], raster.y[inside], raster.z[inside]
-        above_image_m[inside] = z - fit_ground(x, y, z).below(x, y)
-    roughness_m = _roughness(above_image_m[inside])
-    range_sigmas_m = settings.depth_sigmas_m(raster.depths_m, raster.focal_px * settings.stride_px)
-    noise_m = _UPRIGHT * range_sigmas_m * abs(raster.height_m) / ranges_m
-    least_m = noise_m + max(settings.least_height_m, settings.roughness_factor * roughness_m)
-    mask = above_image_m > least_m
-    rows, columns = np.nonzero(mask)
-    gaps_m = settings.max_gap_m + 4.0 * range_sigmas_m
-    edges = _edges(mask, ranges_m, gaps_m)
-    above_m, least_m = above_image_m[mask], least_m[mask]
-    return StandingPixels(
-        rows,
-        columns,
-        ranges_m[mask],
-        np.arctan2(raster.y[mask], raster.x[mask]),
-        above_m,
-        least_m,
-        np.hypot(roughness_m, noise_m[mask]),
-        range_sigmas_m[mask],
-        _parts(above_m / least_m, edges, settings.min_pixels),
-        above_image_m,
-    )
-
-
-def _roughness(above_m: FloatArray) -> float:
-    below_m = above_m[above_m < 0.0]
-    return _MAD_TO_SIGMA * float(np.median(-below_m)) if len(below_m) else 0.0
-
-
-_ALL, _FIRST, _LAST = slice(None), slice(None, -1), slice(1, None)
-_NEIGHBOURS: Final = (
-    ((_ALL, _FIRST), (_ALL, _LAST)),
-    ((_FIRST, _ALL), (_LAST, _ALL)),
-    ((_FIRST, _FIRST), (_LAST, _LAST)),
-    ((_FIRST, _LAST), (_LAST, _FIRST)),
-)
-
-
-def _edges(mask: BoolArray, ranges_m: FloatArray, gaps_m: FloatArray) -> IntArray:
-    """(2, e) pairs of neighbouring pixels of the mask without a step between them."""
-    nodes = np.full(mask.shape, -1)
-    nodes[mask] = np.arange(np.count_nonzero(mask))
-    pairs = [np.zeros((2, 0), np.int64)]
-    for here, there in _NEIGHBOURS:
-        both = np.flatnonzero(mask[here] & mask[there])
-        joined = np.abs(ranges_m[here].flat[both] - ranges_m[there].flat[both])
-        both = both[joined < gaps_m[here].flat[both]]
-        pairs.append(np.stack([nodes[here].flat[both], nodes[there].flat[both]]))
-    return np.concatenate(pairs, axis=1)
-
-
-def _parts(ratios: FloatArray, edges: IntArray, min_pixels: int) -> IntArray:
-    """(levels, n) numbers of the connected parts that are large enough, from 0, -1 for none."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    n, first = len(ratios), 0
-    labels = np.full((len(_LEVELS), n), -1)
-    for level, row in zip(_LEVELS, labels, strict=True):
-        a, b = edges[:, (ratios[edges] > level).all(axis=0)]
-        graph = coo_array((np.ones(len(a), np.int8), (a, b)), (n, n))
-        _, parts = connected_components(graph, directed=False)
-        parts[ratios <= level] = -1
-        large = np.bincount(parts + 1)[1:] >= min_pixels
-        numbers = np.append(np.where(large, first + np.cumsum(large) - 1, -1), -1)
-        row[:] = numbers[parts]
-        first += int(large.sum())
-    return labels
+_LEAST_SENSOR_HEIGHT_M: Final = 0.1
+_FAR_M: Final = 1e3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RockSegments:
-    """Connected parts (k,) that stand out of the ground, on several levels.
+    """Connected parts (k,), those of higher levels within those of lower ones.
 
     Attributes:
         counts: pixels of each.
         ranges_m: median range in the plane.
         lefts, rights: bearings, rad, of its sides.
         heights_m: of its upper part above the ground.
-        least_m: the height that it was cut off at.
+        least_m: the height that it is cut off at.
         extents_m: along the range.
-        shadows: how much of the ground behind it is hidden, 1 for a block of its height.
+        shadows: step in range behind its upper rim, 1 for what a block of its height hides.
         sides: how much of its height is gone right beside it, 1 for a wall.
-        spreads_m: of the ground, the noise at this range included.
+        spreads_m: standard deviation of the ground there, noise included.
         range_sigmas_m: of a single pixel.
         fills: share of the box around its outline that it fills, as seen.
-        cut: share of its rows that touch the image's sides.
+        cut: pixels at the image's edge, over the square root of all.
     """
 
     counts: IntArray
@@ -155,79 +49,138 @@ class RockSegments:
 
 
 def rock_segments(raster: LevelledRaster, pixels: StandingPixels) -> RockSegments:
-    """What each part looks like."""
-    levels, members = np.nonzero(pixels.labels >= 0)
-    owners = pixels.labels[levels, members]
-    counts = np.bincount(owners)
-    ordered = np.argsort(owners, kind="stable")
-    levels, members, owners = levels[ordered], members[ordered], owners[ordered]
-    quantile = _Quantiles(owners, counts)
-    r, h = pixels.ranges_m[members], pixels.above_m[members]
-    b = pixels.bearings[members]
-    near, middle, far = (quantile(r, share) for share in (0.1, 0.5, 0.9))
-    (height,) = (quantile(h, 0.95),)
-    left, right = quantile(b, 0.97), quantile(b, 0.03)
-    rows, columns = pixels.rows[members], pixels.columns[members]
-    images = np.full((len(_LEVELS), *pixels.above_image_m.shape), -1)
-    for k, row in enumerate(pixels.labels):
-        images[k, pixels.rows, pixels.columns] = row
-    rim = _Rim(images, levels, rows, columns, owners)
-    starts = quantile.starts
-    tall = np.maximum.reduceat(rows, starts) - np.minimum.reduceat(rows, starts) + 1 if len(starts) else counts
-    wide = np.maximum.reduceat(columns, starts) - np.minimum.reduceat(columns, starts) + 1 if len(starts) else counts
-    width = images.shape[2]
-    cut = _means((columns == 0) | (columns == width - 1), owners, len(counts)) * counts / np.maximum(tall, 1)
+    """Every part of every level."""
+    members = _Members.of(pixels)
+    chosen = members.pixels
+    nearest, ranges_m, farthest = members.quantiles(pixels.ranges_m[chosen], (0.1, 0.5, 0.9))
+    rights, lefts = members.quantiles(pixels.bearings[chosen], (0.03, 0.97))
+    (heights_m,) = members.quantiles(pixels.above_m[chosen], (0.95,))
+    counts = members.counts
     return RockSegments(
-        counts, middle, left, right, height,
-        np.array(_LEVELS)[levels[starts]] * quantile(pixels.least_m[members], 0.5),
-        far - near,
-        _shadows(raster, rim, height), _sides(pixels.above_image_m, rim, height),
-        quantile(pixels.spreads_m[members], 0.5), quantile(pixels.range_sigmas_m[members], 0.5),
-        counts / (tall * wide), cut,
+        counts,
+        ranges_m,
+        lefts,
+        rights,
+        heights_m,
+        members.means(pixels.least_m[chosen] * np.array(LEVELS)[members.levels]),
+        farthest - nearest,
+        _shadows(raster, pixels, members, heights_m),
+        _sides(pixels, members, heights_m),
+        members.means(pixels.spreads_m[chosen]),
+        members.means(pixels.range_sigmas_m[chosen]),
+        counts / (members.lengths(pixels.rows[chosen]) * members.lengths(pixels.columns[chosen])),
+        members.means(_at_edge(pixels)[chosen]) * np.sqrt(counts),
     )
 
 
-class _Quantiles:
-    def __init__(self, owners, counts):
-        self.owners, self.counts = owners, counts
-        self.starts = np.cumsum(counts) - counts
+@dataclass(frozen=True, slots=True, eq=False)
+class _Members:
+    """Pixels (n,) of all parts in the parts' order; a pixel comes once a level.
 
-    def __call__(self, values, share):
-        ordered = values[np.lexsort([values, self.owners])]
-        return ordered[self.starts + (share * (self.counts - 1) + 0.5).astype(np.int64)]
+    `owners` and `levels` (n,) say of which part; `starts` and `counts` (k,) where each begins.
+    """
+
+    pixels: IntArray
+    owners: IntArray
+    levels: IntArray
+    starts: IntArray
+    counts: IntArray
+
+    @classmethod
+    def of(cls, pixels: StandingPixels) -> "_Members":
+        levels, chosen = np.nonzero(pixels.parts >= 0)
+        owners = pixels.parts[levels, chosen]
+        order = np.argsort(owners, kind="stable")
+        counts = np.bincount(owners)
+        starts = np.cumsum(counts) - counts
+        return cls(chosen[order], owners[order], levels[order], starts, counts)
+
+    def quantiles(self, values: FloatArray, shares: tuple[float, ...]) -> list[FloatArray]:
+        """Of each part the value (k,) that such a share of its pixels is below."""
+        low = values.min(initial=0.0)
+        scale = 2.0 * (values.max(initial=1.0) - low) + 1.0
+        # One sort for all parts: the part before the point, the value behind it.
+        ordered = (np.sort(self.owners + (values - low) / scale) - self.owners) * scale + low
+        return [
+            ordered[self.starts + np.round(share * (self.counts - 1)).astype(np.int64)]
+            for share in shares
+        ]
+
+    def means(self, values: FloatArray | BoolArray) -> FloatArray:
+        """(k,)."""
+        return np.asarray(np.bincount(self.owners, values, len(self.counts)) / self.counts)
+
+    def lengths(self, indices: IntArray) -> IntArray:
+        """(k,) from the first of rows or columns to the last."""
+        if not len(self.starts):
+            return np.zeros(0, dtype=np.int64)
+        last = np.maximum.reduceat(indices, self.starts)
+        return np.asarray(last - np.minimum.reduceat(indices, self.starts) + 1)
 
 
-def _means(values, owners, num):
-    n = np.bincount(owners, minlength=num)
-    return np.bincount(owners, values, num) / np.maximum(n, 1)
-
-
+@dataclass(frozen=True, slots=True, eq=False)
 class _Rim:
-    def __init__(self, images, levels, rows, columns, owners):
-        self.images, self.levels, self.rows, self.columns, self.owners = images, levels, rows, columns, owners
+    """Pairs (n,) of a pixel at the rim of a part and one outside; indices into an image."""
 
-    def __call__(self, up, right):
-        _, h, w = self.images.shape
-        r, c = self.rows - up, self.columns + right
-        k = np.flatnonzero((r >= 0) & (c >= 0) & (c < w))
-        k = k[self.images[self.levels[k], r[k], c[k]] != self.owners[k]]
-        return (self.rows[k], self.columns[k]), (r[k], c[k]), self.owners[k]
+    owners: IntArray
+    inside: tuple[IntArray, IntArray]
+    outside: tuple[IntArray, IntArray]
 
 
-def _shadows(raster, rim, heights_m):
-    here, there, owners = rim(_BEYOND, 0)
-    share = np.clip(heights_m[owners] / max(raster.height_m, 0.1), 0.0, 0.9)
-    expected_m = raster.ranges_m[here] * share / (1.0 - share)
-    step = (np.nan_to_num(raster.ranges_m[there], nan=1e3) - raster.ranges_m[here]) / expected_m
-    return _means(np.clip(step, 0.0, 1.5), owners, len(heights_m))
+def _rim(pixels: StandingPixels, members: _Members, up: int, right: int) -> _Rim:
+    """Where so many pixels up and to the right of a part's pixel is another part, or none."""
+    shape = pixels.above_image_m.shape
+    numbers = np.full(shape, len(pixels.rows))
+    numbers[pixels.rows, pixels.columns] = np.arange(len(pixels.rows))
+    parts = np.pad(pixels.parts, ((0, 0), (0, 1)), constant_values=-1)
+    rows, columns = pixels.rows[members.pixels], pixels.columns[members.pixels]
+    beyond_rows, beyond_columns = rows - up, columns + right
+    valid = np.flatnonzero(
+        (beyond_rows >= 0) & (beyond_columns >= 0) & (beyond_columns < shape[1])
+    )
+    beyond = numbers[beyond_rows[valid], beyond_columns[valid]]
+    rim = valid[parts[members.levels[valid], beyond] != members.owners[valid]]
+    return _Rim(
+        members.owners[rim],
+        (rows[rim], columns[rim]),
+        (beyond_rows[rim], beyond_columns[rim]),
+    )
 
 
-def _sides(above, rim, heights_m):
-    parts = []
-    for right in (-_BEYOND, _BEYOND):
-        here, there, owners = rim(0, right)
-        drop = (above[here] - above[there]) / heights_m[owners]
-        k = np.isfinite(drop)
-        parts.append((np.clip(drop[k], -1, 1), owners[k]))
-    v, o = (np.concatenate(c) for c in zip(*parts))
-    return _means(v, o, len(heights_m))
+def _shadows(
+    raster: LevelledRaster, pixels: StandingPixels, members: _Members, heights_m: FloatArray
+) -> FloatArray:
+    """(k,) means over the upper rim, each between 0 and 1.5; no return is far."""
+    rim = _rim(pixels, members, _BEYOND, 0)
+    share = heights_m[rim.owners] / max(raster.height_m, _LEAST_SENSOR_HEIGHT_M)
+    share = np.clip(share, 0.0, 0.9)
+    here_m = raster.ranges_m[rim.inside]
+    behind_m = np.nan_to_num(raster.ranges_m[rim.outside], nan=_FAR_M)
+    # By similar triangles: a block of height h at r hides r h / (H - h).
+    hidden = (behind_m - here_m) * (1.0 - share) / (here_m * share)
+    return _means(np.clip(hidden, 0.0, 1.5), rim.owners, len(heights_m))
+
+
+def _sides(pixels: StandingPixels, members: _Members, heights_m: FloatArray) -> FloatArray:
+    """(k,) means over both sides, each between -1 and 1."""
+    image = pixels.above_image_m
+    rims = [_rim(pixels, members, 0, right) for right in (-_BEYOND, _BEYOND)]
+    drops = np.concatenate([image[rim.inside] - image[rim.outside] for rim in rims])
+    owners = np.concatenate([rim.owners for rim in rims])
+    known = np.isfinite(drops)
+    drops, owners = drops[known], owners[known]
+    return _means(np.clip(drops / heights_m[owners], -1.0, 1.0), owners, len(heights_m))
+
+
+def _means(values: FloatArray, owners: IntArray, num: int) -> FloatArray:
+    """(num,) 0 for none."""
+    counts = np.bincount(owners, minlength=num)
+    return np.asarray(np.bincount(owners, values, num) / np.maximum(counts, 1))
+
+
+def _at_edge(pixels: StandingPixels) -> BoolArray:
+    """(n,) whether a pixel is in the first or last row or column."""
+    last_row, last_column = np.array(pixels.above_image_m.shape) - 1
+    return np.asarray(
+        np.isin(pixels.rows, (0, last_row)) | np.isin(pixels.columns, (0, last_column))
+    )

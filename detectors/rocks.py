@@ -7,7 +7,8 @@ import numpy as np
 from detectors.detector import DetectorType
 from detectors.levelled_raster import levelled_raster
 from detectors.rock_calibration import reliabilities, rocks_of, scores
-from detectors.rock_segments import rock_segments, standing_pixels
+from detectors.rock_pixels import standing_pixels
+from detectors.rock_segments import rock_segments
 from detectors.rock_settings import RockSettings
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.landmarks import Kind, Perceptions
@@ -36,7 +37,7 @@ class RockDetector:
             & (segments.cut < _MAX_CUT)
             & (reliability >= settings.min_reliability)
         )
-        kept = _apart(np.flatnonzero(fit), reliability, pixels.labels)
+        kept = _apart(np.flatnonzero(fit), reliability, pixels.parts)
         return Perceptions.from_arrays(
             image.stamp_ns,
             Kind.ROCK,
@@ -52,15 +53,16 @@ class RockDetector:
 _MAX_CUT: Final = 0.5
 
 
-def _apart(candidates: IntArray, scores: FloatArray, labels: IntArray) -> IntArray:
+def _apart(candidates: IntArray, scores: FloatArray, parts: IntArray) -> IntArray:
     """Those of the parts that share no pixel with one of a higher score, the best first."""
+    levels = np.searchsorted(np.maximum.accumulate(parts.max(axis=1, initial=-1)), candidates)
+    free = np.ones(len(scores), dtype=np.bool_)
     chosen = []
-    free = np.zeros(len(scores), np.bool_)
-    free[candidates] = True
-    for part in candidates[np.argsort(-scores[candidates], kind="stable")]:
+    for k in np.argsort(-scores[candidates], kind="stable"):
+        part = candidates[k]
         if free[part]:
             chosen.append(part)
-            related = labels[:, (labels == part).any(axis=0)]
+            related = parts[:, parts[levels[k]] == part]
             free[related[related >= 0]] = False
     return np.array(chosen, dtype=np.int64)
 

@@ -54,7 +54,7 @@ class RockOutcomes:
     Attributes:
         rock_distances_m, rock_diameters_m: (m,).
         visible, found: (m,) as in `RockTrial`; a perception fell to it.
-        ranges_m, reliabilities: (n,).
+        ranges_m, diameters_m, reliabilities: (n,).
         right: (n,) it fell to a rock, of whatever size.
         errors: (n, 3) range m, bearing rad, log of the diameter; NaN where there is none.
         nees: (n,) of range and bearing.
@@ -67,6 +67,7 @@ class RockOutcomes:
     visible: BoolArray
     found: BoolArray
     ranges_m: FloatArray
+    diameters_m: FloatArray
     reliabilities: FloatArray
     right: BoolArray
     errors: FloatArray
@@ -142,6 +143,7 @@ def _judge(
         trial.visible,
         np.isin(np.arange(len(trial.distances_m)), rows),
         perceptions.ranges_m,
+        perceptions.diameters_m,
         perceptions.reliabilities,
         right,
         errors,
