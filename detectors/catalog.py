@@ -13,6 +13,7 @@ from semgraph.errors import SettingsError
 ENTRY_POINT_GROUP = "semgraph.detectors"
 _OWN = {
     "reflectors": "detectors.reflectors:REFLECTORS",
+    "rocks": "detectors.rocks:ROCKS",
     "trees-2d": "detectors.trees_2d:TREES",
 }
 

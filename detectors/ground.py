@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from semgraph.arrays import FloatArray
+from semgraph.arrays import BoolArray, FloatArray, IntArray
 
 CELL_M: Final = 0.25
 _WIDTHS_M: Final = (1.6, 1.0, 0.5)
@@ -58,7 +58,7 @@ def fit_ground(x: FloatArray, y: FloatArray, z: FloatArray) -> Ground:
 
 
 def _lower_points(
-    cells: FloatArray, z: FloatArray, shape: tuple[int, int]
+    cells: IntArray, z: FloatArray, shape: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray]:
     """Of each cell the mean of the points below its mean, and their number; 0 and 0 for none."""
     size = shape[0] * shape[1]
@@ -69,11 +69,12 @@ def _lower_points(
     return lows_m.reshape(shape), counts.reshape(shape)
 
 
-def _trust(above_m: FloatArray, known: FloatArray) -> FloatArray:
-    """Weights in [0, 1]: what stands out upwards, by the spread of what lies below, is no ground."""
+def _trust(above_m: FloatArray, known: BoolArray) -> FloatArray:
+    """Weights in [0, 1]: what is above by far more than others are below is no ground."""
     below_m = above_m[known & (above_m < 0.0)]
-    spread_m = max(_MAD_TO_SIGMA * float(np.median(-below_m)) if len(below_m) else 0.0, _LEAST_SPREAD_M)
-    return 1.0 / (1.0 + np.maximum(above_m / (_STANDS_OUT * spread_m), 0.0) ** 4)
+    spread_m = _MAD_TO_SIGMA * float(np.median(-below_m)) if len(below_m) else 0.0
+    limit_m = _STANDS_OUT * max(spread_m, _LEAST_SPREAD_M)
+    return np.asarray(1.0 / (1.0 + np.maximum(above_m / limit_m, 0.0) ** 4))
 
 
 def _smooth(values: FloatArray, weights: FloatArray, width_cells: float) -> FloatArray:

@@ -9,15 +9,35 @@ from detectors.rock_segments import RockSegments
 from semgraph.arrays import FloatArray
 from semgraph.landmarks import polar_covariances
 
-# Fitted on simulated terrain (smooth, medium and rough; seeds 1 to 20). Lengths in m.
-_LOG_DIAMETER: Final = np.array([0.19, 0.954, -1.132, 1.637])
-_CENTRE_BEHIND: Final = (0.309, -0.188, 0.439)
-_RANGE_SIGMA: Final = (0.053, 0.44, 0.01)
-_ACROSS_SIGMA: Final = (0.03, 0.15, 0.006)
+# Fitted on simulated terrain (smooth, medium and rough; seeds 1 to 20), stereo of 0.12 and 0.24 m
+# and time of flight together. Lengths in m.
+_LOG_DIAMETER: Final = np.array([0.194, 0.928, -1.301, 1.79])
+_CENTRE_BEHIND: Final = (0.31, -0.179, 0.401)
+_RANGE_SIGMA: Final = (0.069, 0.433, 0.008)
+_ACROSS_SIGMA: Final = (0.037, 0.12, 0.006)
 _LOG_DIAMETER_SIGMA: Final = 0.18
-_WEIGHTS: Final = np.array([-0.51, -4.21, 0.37, -0.23, -3.39, 3.48, -3.1, 2.08, 1.22, 5.12, -0.86, 0.07, 1.92, 0.57])
-_SCORES: Final = (-1.75, -1.0, -0.5, 0.0, 0.5, 1.0, 1.75, 2.5, 3.5)
-_FREQUENCIES: Final = (0.18, 0.3, 0.37, 0.48, 0.62, 0.76, 0.945, 0.98, 0.999)
+_WEIGHTS: Final = np.array(
+    [
+        -10.2,
+        0.03,
+        -3.14,
+        -0.45,
+        -2.22,
+        3.94,
+        -2.1,
+        2.39,
+        1.64,
+        3.31,
+        -1.39,
+        0.34,
+        2.12,
+        1.16,
+        -1.27,
+        0.78,
+    ]
+)
+_SCORES: Final = (-2.0, -1.25, -0.5, 0.0, 0.5, 1.0, 1.75, 2.5, 3.5)
+_FREQUENCIES: Final = (0.15, 0.24, 0.31, 0.46, 0.66, 0.8, 0.95, 0.993, 0.999)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,15 +87,13 @@ def reliabilities(scores_: FloatArray) -> FloatArray:
 
 
 def features(segments: RockSegments) -> FloatArray:
-    """(14, k) what the score is linear in."""
+    """(15, k) what the score is linear in."""
     width_m = widths_m(segments) + 0.02
-    tens_of_m = segments.ranges_m / 10.0
     log_width = np.log(width_m)
     log_extent = np.log((segments.extents_m + 0.02) / width_m)
     return np.stack(
         [
             np.ones_like(width_m),
-            tens_of_m,
             log_width,
             log_width**2,
             np.log(segments.heights_m / width_m) ** 2,
@@ -88,6 +106,8 @@ def features(segments: RockSegments) -> FloatArray:
             log_extent**2,
             segments.fills,
             np.log(segments.spreads_m),
+            segments.range_sigmas_m / width_m,
+            np.log(segments.counts),
         ]
     )
 

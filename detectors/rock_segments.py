@@ -135,9 +135,7 @@ def _rim(pixels: StandingPixels, members: _Members, up: int, right: int) -> _Rim
     parts = np.pad(pixels.parts, ((0, 0), (0, 1)), constant_values=-1)
     rows, columns = pixels.rows[members.pixels], pixels.columns[members.pixels]
     beyond_rows, beyond_columns = rows - up, columns + right
-    valid = np.flatnonzero(
-        (beyond_rows >= 0) & (beyond_columns >= 0) & (beyond_columns < shape[1])
-    )
+    valid = np.flatnonzero((beyond_rows >= 0) & (beyond_columns >= 0) & (beyond_columns < shape[1]))
     beyond = numbers[beyond_rows[valid], beyond_columns[valid]]
     rim = valid[parts[members.levels[valid], beyond] != members.owners[valid]]
     return _Rim(

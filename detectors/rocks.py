@@ -1,18 +1,20 @@
-"""Rocks in depth images: what stands out of the local ground, on several levels."""
+"""Rocks in depth images and dense clouds: what stands out of the local ground."""
 
 from typing import Final, final
 
 import numpy as np
 
 from detectors.detector import DetectorType
-from detectors.levelled_raster import levelled_raster
+from detectors.levelled_raster import raster_of_cloud, raster_of_image
 from detectors.rock_calibration import reliabilities, rocks_of, scores
 from detectors.rock_pixels import standing_pixels
 from detectors.rock_segments import rock_segments
 from detectors.rock_settings import RockSettings
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.landmarks import Kind, Perceptions
-from sensors.measurements import DepthImage
+from sensors.measurements import DepthImage, PointCloud
+
+_MAX_CUT: Final = 0.5
 
 
 @final
@@ -22,10 +24,14 @@ class RockDetector:
     def __init__(self, settings: RockSettings) -> None:
         self._settings: Final = settings
 
-    def detect(self, image: DepthImage) -> Perceptions:
-        """Rocks relative to the camera's point and heading in the plane."""
+    def detect(self, measurement: DepthImage | PointCloud) -> Perceptions:
+        """Rocks relative to the sensor's point and heading in the plane."""
         settings = self._settings
-        raster = levelled_raster(image, settings.stride_px)
+        raster = (
+            raster_of_image(measurement, settings.stride_px)
+            if isinstance(measurement, DepthImage)
+            else raster_of_cloud(measurement, settings.stride_px)
+        )
         pixels = standing_pixels(raster, settings)
         segments = rock_segments(raster, pixels)
         rocks = rocks_of(segments)
@@ -39,7 +45,7 @@ class RockDetector:
         )
         kept = _apart(np.flatnonzero(fit), reliability, pixels.parts)
         return Perceptions.from_arrays(
-            image.stamp_ns,
+            measurement.stamp_ns,
             Kind.ROCK,
             rocks.ranges_m[kept],
             rocks.bearings[kept],
@@ -48,9 +54,6 @@ class RockDetector:
             diameter_sigmas_m=rocks.diameter_sigmas_m[kept],
             reliabilities=reliability[kept],
         )
-
-
-_MAX_CUT: Final = 0.5
 
 
 def _apart(candidates: IntArray, scores: FloatArray, parts: IntArray) -> IntArray:

@@ -92,7 +92,7 @@ def look(
 ) -> RockTrial:
     """An image from one place with its truth."""
     view = scene.view(device.camera, world_T_base)
-    image = device.blur(view, 0, rng)
+    image = device.measure(view, 0, rng)
     terrain = scene.terrain
     world_T_sensor = world_T_base @ image.base_T_sensor
     x, y = world_T_sensor.inverse().transform(terrain.world_t_rocks).T

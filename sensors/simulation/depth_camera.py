@@ -6,7 +6,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from semgraph.arrays import FloatArray, IntArray
+from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.errors import InputError
 from semgraph.geometry import Pose2
 from sensors.measurements import CameraGeometry, DepthImage, Mounting, Tilt
@@ -132,9 +132,9 @@ class DepthCamera:
         self, scene: Scene, world_T_base: Pose2, stamp_ns: int, rng: np.random.Generator
     ) -> DepthImage:
         """What the device says from a vehicle that rests there."""
-        return self.blur(scene.view(self.camera, world_T_base), stamp_ns, rng)
+        return self.measure(scene.view(self.camera, world_T_base), stamp_ns, rng)
 
-    def blur(self, view: View, stamp_ns: int, rng: np.random.Generator) -> DepthImage:
+    def measure(self, view: View, stamp_ns: int, rng: np.random.Generator) -> DepthImage:
         """What the device says of a view."""
         depths_m = view.depths_m + self.noise.sigmas_m(
             view.depths_m, self.camera.focal_px
@@ -146,7 +146,7 @@ class DepthCamera:
         tilt = Tilt(view.tilt.roll + roll, view.tilt.pitch + pitch)
         return DepthImage(stamp_ns, self.camera, np.where(kept, depths_m, np.nan), tilt)
 
-    def _edges(self, depths_m: FloatArray) -> "np.typing.NDArray[np.bool_]":
+    def _edges(self, depths_m: FloatArray) -> BoolArray:
         from scipy.ndimage import maximum_filter, minimum_filter
 
         far = np.nan_to_num(depths_m, nan=1e6)
@@ -179,7 +179,7 @@ def _open3d() -> Any:
         import open3d
     except (ImportError, OSError) as error:
         raise InputError(
-            f"depth camera: expected Open3D to load, got {str(error).splitlines()[0]!r}; on Debian: "
-            "apt-get install libusb-1.0-0 libgl1 libgomp1 libx11-6"
+            f"depth camera: expected Open3D to load, got {str(error).splitlines()[0]!r}; "
+            "on Debian: apt-get install libusb-1.0-0 libgl1 libgomp1 libx11-6"
         ) from error
     return open3d

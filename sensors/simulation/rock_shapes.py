@@ -44,7 +44,8 @@ def golombek_diameters(
     steps = 0.5 * (density[1:] + density[:-1]) * np.diff(d)
     per_m2 = np.concatenate([[0.0], np.cumsum(steps)])
     drawn = rng.uniform(0.0, per_m2[-1], rng.poisson(per_m2[-1] * area_m2))
-    return np.sort(np.interp(drawn, per_m2, d))[::-1]
+    diameters_m: FloatArray = np.sort(np.interp(drawn, per_m2, d))[::-1]
+    return diameters_m
 
 
 def rock_vertices(diameters_m: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -56,7 +57,7 @@ def rock_vertices(diameters_m: FloatArray, rng: np.random.Generator) -> FloatArr
     waves = rng.normal(0.0, 2.0, (m, _NUM_WAVES, 3))
     phases = rng.uniform(0.0, 2.0 * np.pi, (m, 1, _NUM_WAVES))
     bumps = _BUMPS * np.cos(_DIRECTIONS @ waves.transpose(0, 2, 1) + phases).sum(axis=2)
-    vertices = (1.0 + bumps)[:, :, None] * _DIRECTIONS
+    vertices: FloatArray = (1.0 + bumps)[:, :, None] * _DIRECTIONS
     _place_outlines(vertices, diameters_m, rng)
     buried = rng.uniform(*_BURIED, (m, 1))
     heights = rng.uniform(*_HEIGHTS, (m, 1)) * diameters_m[:, None] / (1.0 - buried)

@@ -13,7 +13,7 @@ from sensors.measurements import Tilt
 from sensors.simulation.rock_shapes import FACES, golombek_diameters, rock_vertices
 
 _AXLE_M: Final = 0.6
-_TRIES: Final = 50
+_TRIES: Final = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +123,7 @@ def rough_terrain(settings: TerrainSettings, rng: np.random.Generator) -> Terrai
     )
     world_t_rocks = _scatter(diameters_m, settings, rng)
     diameters_m = diameters_m[: len(world_t_rocks)]
-    bare = Terrain(
-        settings.cell_m, heights_m, np.zeros((0, 2)), np.zeros(0), np.zeros((0, 1, 3))
-    )
+    bare = Terrain(settings.cell_m, heights_m, np.zeros((0, 2)), np.zeros(0), np.zeros((0, 1, 3)))
     meshes = rock_vertices(diameters_m, rng)
     meshes[:, :, :2] += world_t_rocks[:, None]
     meshes[:, :, 2] += bare.heights_at(world_t_rocks)[:, None]
