@@ -18,26 +18,25 @@ _ACROSS_SIGMA: Final = (0.037, 0.12, 0.006)
 _LOG_DIAMETER_SIGMA: Final = 0.18
 _WEIGHTS: Final = np.array(
     [
-        -10.2,
-        0.03,
-        -3.14,
-        -0.45,
-        -2.22,
-        3.94,
-        -2.1,
-        2.39,
-        1.64,
-        3.31,
-        -1.39,
-        0.34,
-        2.12,
-        1.16,
-        -1.27,
-        0.78,
+        -10.15,  # constant
+        -3.12,  # log width
+        -0.45,  # its square
+        -2.23,  # squared log of height over width
+        3.94,  # log of height over spread
+        -2.1,  # height of the cut-off over height
+        2.39,  # shadow
+        1.63,  # sides
+        3.32,  # their square
+        -1.39,  # log of extent over width
+        0.34,  # its square
+        2.12,  # fill
+        1.16,  # log spread
+        -1.27,  # range sigma over width
+        0.77,  # log count
     ]
 )
 _SCORES: Final = (-2.0, -1.25, -0.5, 0.0, 0.5, 1.0, 1.75, 2.5, 3.5)
-_FREQUENCIES: Final = (0.15, 0.24, 0.31, 0.46, 0.66, 0.8, 0.95, 0.993, 0.999)
+_FREQUENCIES: Final = (0.16, 0.25, 0.32, 0.48, 0.67, 0.82, 0.955, 0.994, 0.999)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
