@@ -49,7 +49,7 @@ class RockTrial:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RockOutcomes:
-    """All trials together: m rocks there were, n perceptions came.
+    """Of one trial or several: m rocks there were, n perceptions came.
 
     Attributes:
         rock_distances_m, rock_diameters_m: (m,).
@@ -74,6 +74,13 @@ class RockOutcomes:
     nees: FloatArray
     whole: BoolArray
     true_diameters_m: FloatArray
+
+    @classmethod
+    def union(cls, parts: Sequence["RockOutcomes"]) -> "RockOutcomes":
+        """Those of several trials together."""
+        return cls(
+            *(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__slots__)
+        )
 
 
 def rock_trials(
@@ -109,21 +116,9 @@ def look(
 
 
 def judge_rocks(
-    trials: Sequence[RockTrial], detector: Detector[DepthImage], min_reliability: float
-) -> RockOutcomes:
-    """What became of every rock, and of every perception at least this reliable."""
-    parts = [_judge(trial, detector, min_reliability) for trial in trials]
-    return RockOutcomes(
-        *(
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in RockOutcomes.__slots__
-        )
-    )
-
-
-def _judge(
     trial: RockTrial, detector: Detector[DepthImage], min_reliability: float
 ) -> RockOutcomes:
+    """What became of every rock, and of every perception at least this reliable."""
     perceptions = detector.detect(trial.image)
     perceptions = perceptions.select(perceptions.reliabilities >= min_reliability)
     rows = match_rocks(perceptions, trial)

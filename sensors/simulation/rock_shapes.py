@@ -78,15 +78,17 @@ def _place_outlines(
     c, s = np.cos(angles), np.sin(angles)
     turns = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
     vertices[:, :, :2] = vertices[:, :, :2] @ turns
-    for outline, diameter_m in zip(vertices[:, :, :2], diameters_m, strict=True):
-        centroid, area = _centroid_and_area(outline)
-        outline -= centroid
-        outline *= diameter_m / (2.0 * np.sqrt(area / np.pi))
+    centroids, areas = _centroids_and_areas(vertices[:, :, :2])
+    scales = diameters_m / (2.0 * np.sqrt(areas / np.pi))
+    vertices[:, :, :2] = scales[:, None, None] * (vertices[:, :, :2] - centroids[:, None])
 
 
-def _centroid_and_area(points: FloatArray) -> tuple[FloatArray, float]:
-    """Of the convex hull of (v, 2)."""
-    a = points[ConvexHull(points).vertices]
-    b = np.roll(a, -1, axis=0)
-    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return ((a + b) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum()), float(0.5 * cross.sum())
+def _centroids_and_areas(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(m, 2) and (m,) of the convex hulls of (m, v, 2), from the outmost points every 4 deg."""
+    angles = np.linspace(-np.pi, np.pi, 90, endpoint=False)
+    outmost = np.argmax(points @ np.stack([np.cos(angles), np.sin(angles)]), axis=1)
+    a = np.take_along_axis(points, outmost[:, :, None], axis=1)
+    b = np.roll(a, -1, axis=1)
+    cross = a[:, :, 0] * b[:, :, 1] - a[:, :, 1] * b[:, :, 0]
+    areas = 0.5 * cross.sum(axis=1)
+    return ((a + b) * cross[:, :, None]).sum(axis=1) / (6.0 * areas[:, None]), areas

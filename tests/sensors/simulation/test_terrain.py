@@ -69,7 +69,9 @@ def test_the_truth_is_the_outline_seen_from_above() -> None:
     diameters_m = np.array([0.2, 0.5, 1.5])
     vertices = rock_vertices(diameters_m, np.random.default_rng(2))
     for rock, diameter_m in zip(vertices, diameters_m, strict=True):
-        assert ConvexHull(rock[:, :2]).volume == pytest.approx(0.25 * np.pi * diameter_m**2)
+        assert ConvexHull(rock[:, :2]).volume == pytest.approx(
+            0.25 * np.pi * diameter_m**2, rel=0.005
+        )
         assert np.abs(rock[:, :2].mean(axis=0)).max() < 0.1 * diameter_m
         assert 0.35 * diameter_m - 1e-9 <= rock[:, 2].max() <= 0.75 * diameter_m + 1e-9
         assert rock[:, 2].min() < 0.0
