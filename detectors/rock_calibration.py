@@ -14,7 +14,8 @@ from semgraph.landmarks import polar_covariances
 _LOG_DIAMETER: Final = np.array([0.194, 0.928, -1.301, 1.79])
 _CENTRE_BEHIND: Final = (0.31, -0.179, 0.401)
 _RANGE_SIGMA: Final = (0.069, 0.433, 0.008)
-_ACROSS_SIGMA: Final = (0.037, 0.12, 0.006)
+_ACROSS_SIGMA: Final = (0.05, 0.12, 0.005)
+_CUT_SIGMA: Final = 0.17
 _LOG_DIAMETER_SIGMA: Final = 0.18
 _WEIGHTS: Final = np.array(
     [
@@ -64,8 +65,8 @@ def rocks_of(segments: RockSegments) -> Rocks:
         + diameters_m * (of_diameter + less * cut_off)
         + of_range_sigma * segments.range_sigmas_m
     )
-    range_sigmas_m = _sigmas_m(_RANGE_SIGMA, diameters_m, segments.range_sigmas_m)
-    across_sigmas_m = _sigmas_m(_ACROSS_SIGMA, diameters_m, segments.range_sigmas_m)
+    range_sigmas_m = _sigmas_m(_RANGE_SIGMA, diameters_m, segments)
+    across_sigmas_m = _sigmas_m(_ACROSS_SIGMA, diameters_m, segments)
     return Rocks(
         ranges_m,
         0.5 * (segments.lefts + segments.rights),
@@ -117,9 +118,10 @@ def widths_m(segments: RockSegments) -> FloatArray:
 
 
 def _sigmas_m(
-    shares: tuple[float, float, float], diameters_m: FloatArray, range_sigmas_m: FloatArray
+    shares: tuple[float, float, float], diameters_m: FloatArray, segments: RockSegments
 ) -> FloatArray:
+    """(k,) of the diameter, of a pixel's range sigma, and the rest; more at the image's edge."""
     of_diameter, of_range_sigma, rest = shares
-    return np.asarray(
-        np.sqrt((of_diameter * diameters_m) ** 2 + (of_range_sigma * range_sigmas_m) ** 2 + rest**2)
-    )
+    shape_m = np.hypot(of_diameter, _CUT_SIGMA * segments.cut) * diameters_m
+    noise_m = of_range_sigma * segments.range_sigmas_m
+    return np.asarray(np.sqrt(shape_m**2 + noise_m**2 + rest**2))

@@ -14,7 +14,7 @@ from semgraph.arrays import FloatArray, IntArray
 from semgraph.landmarks import Kind, Perceptions
 from sensors.measurements import DepthImage, PointCloud
 
-_MAX_CUT: Final = 0.5
+_MAX_CUT: Final = 1.2
 
 
 @final
