@@ -58,7 +58,8 @@ def standing_pixels(raster: LevelledRaster, settings: RockSettings) -> StandingP
     above_image_m = _above_ground(raster, settings)
     roughness_m = _roughness(above_image_m)
     sigmas_m = settings.depth_sigmas_m(raster.depths_m, raster.focal_px)
-    noise_m = _SHARE_UPRIGHT * sigmas_m * abs(raster.height_m) / ranges_m
+    noise_m = _SHARE_UPRIGHT * sigmas_m * abs(raster.height_m)
+    noise_m = noise_m / np.maximum(ranges_m, settings.range_min_m)
     least_m = noise_m + max(settings.least_height_m, settings.roughness_factor * roughness_m)
     mask = above_image_m > least_m
     rows, columns = np.nonzero(mask)

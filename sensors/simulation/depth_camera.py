@@ -33,6 +33,12 @@ class Stereo:
     baseline_m: float = 0.24
     disparity_sigma_px: float = 0.2
 
+    def __post_init__(self) -> None:
+        if not (self.baseline_m > 0.0 and self.disparity_sigma_px >= 0.0):
+            raise InputError(
+                f"stereo: expected baseline_m above 0 and no negative noise, got {self}"
+            )
+
     def sigmas_m(self, depths_m: FloatArray, focal_px: float) -> FloatArray:
         """As the protocol says."""
         return depths_m**2 * (self.disparity_sigma_px / (focal_px * self.baseline_m))
@@ -44,6 +50,10 @@ class TimeOfFlight:
 
     sigma_m: float = 0.005
     sigma_per_m: float = 0.003
+
+    def __post_init__(self) -> None:
+        if not (self.sigma_m >= 0.0 and self.sigma_per_m >= 0.0):
+            raise InputError(f"time of flight: expected no negative noise, got {self}")
 
     def sigmas_m(self, depths_m: FloatArray, focal_px: float) -> FloatArray:  # noqa: ARG002 - protocol
         """As the protocol says."""
@@ -128,6 +138,23 @@ class DepthCamera:
     dropout: float = 0.01
     tilt_sigma: float = 0.003
 
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.depth_min_m < self.depth_max_m:
+            raise InputError(
+                "depth camera: expected 0 <= depth_min_m < depth_max_m, "
+                f"got {self.depth_min_m} and {self.depth_max_m}"
+            )
+        if not (0.0 <= self.edge_dropout <= 1.0 and 0.0 <= self.dropout <= 1.0):
+            raise InputError(
+                "depth camera: expected dropouts from 0 to 1, "
+                f"got {self.edge_dropout} and {self.dropout}"
+            )
+        if not (self.correlation_px >= 0.0 and self.edge_step > 0.0 and self.tilt_sigma >= 0.0):
+            raise InputError(
+                "depth camera: expected correlation_px and tilt_sigma of at least 0 and edge_step "
+                f"above, got {self.correlation_px}, {self.tilt_sigma} and {self.edge_step}"
+            )
+
     def look(
         self, scene: Scene, world_T_base: Pose2, stamp_ns: int, rng: np.random.Generator
     ) -> DepthImage:
@@ -142,7 +169,7 @@ class DepthCamera:
         kept = (depths_m >= self.depth_min_m) & (depths_m <= self.depth_max_m)
         lost = np.where(self._edges(view.depths_m), self.edge_dropout, self.dropout)
         kept &= rng.uniform(size=depths_m.shape) >= lost
-        roll, pitch = self.tilt_sigma * rng.standard_normal(2)
+        roll, pitch = (self.tilt_sigma * rng.standard_normal(2)).tolist()
         tilt = Tilt(view.tilt.roll + roll, view.tilt.pitch + pitch)
         return DepthImage(stamp_ns, self.camera, np.where(kept, depths_m, np.nan), tilt)
 

@@ -177,6 +177,13 @@ def test_hostile_clouds_give_valid_perceptions(data: st.DataObject) -> None:
     assert found.stamp_ns == STAMP_NS
 
 
+def test_a_point_right_below_the_sensor_is_no_trouble() -> None:
+    cloud = PointCloud(
+        STAMP_NS, Mounting(height_m=1.0), np.array([[0.0, 0.0, -1.0]]), np.zeros(1, int)
+    )
+    assert len(_detect(cloud)) == 0
+
+
 def test_the_image_is_left_as_it_was() -> None:
     image = depth_image(FIELD, seed=4)
     before = image.depths_m.copy()

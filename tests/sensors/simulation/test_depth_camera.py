@@ -4,6 +4,7 @@ import builtins
 import importlib
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -123,6 +124,28 @@ def test_pixels_are_lost_at_edges_rather_than_elsewhere() -> None:
     lost = np.isnan(image.depths_m)
     assert lost[:, 79:81].mean() == pytest.approx(0.8, abs=0.1)
     assert lost[:, 5:75].mean() == pytest.approx(0.05, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"depth_min_m": 5.0, "depth_max_m": 2.0},
+        {"dropout": 1.5},
+        {"edge_dropout": float("nan")},
+        {"correlation_px": -1.0},
+        {"edge_step": 0.0},
+    ],
+)
+def test_impossible_devices_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match="depth camera: expected"):
+        replace(QUIET, **wrong)
+
+
+def test_impossible_noise_is_refused() -> None:
+    with pytest.raises(InputError, match="stereo: expected"):
+        Stereo(baseline_m=0.0)
+    with pytest.raises(InputError, match="time of flight: expected"):
+        TimeOfFlight(sigma_m=float("nan"))
 
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
