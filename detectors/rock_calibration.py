@@ -36,8 +36,9 @@ _WEIGHTS: Final = np.array(
         0.77,  # log count
     ]
 )
+# How often such a score was a rock, of the stereo camera of 0.24 m.
 _SCORES: Final = (-2.0, -1.25, -0.5, 0.0, 0.5, 1.0, 1.75, 2.5, 3.5)
-_FREQUENCIES: Final = (0.16, 0.25, 0.32, 0.48, 0.67, 0.82, 0.955, 0.994, 0.999)
+_FREQUENCIES: Final = (0.15, 0.264, 0.334, 0.521, 0.714, 0.821, 0.957, 0.995, 0.999)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,7 +5,8 @@ of the 640 x 480 or more, and at least 60 % of the pixels that they would answer
 before them and the image were larger. A rock must be found within its radius, or 0.3 m if that is
 more, by a perception of its own. Precision is of all perceptions up to 10 m that are reliable by
 0.7 or more; one is right if there is a rock of 0.1 m or more that is seen at all, and again of
-those only that say 0.3 m or more. The detector was fitted on the seeds 1 to 20.
+those only that say 0.3 m or more. Smooth ground has the targets of medium ground. The detector
+was fitted on the seeds 1 to 20.
 """
 
 from collections.abc import Callable, Sequence
