@@ -14,6 +14,7 @@ ENTRY_POINT_GROUP = "semgraph.detectors"
 _OWN = {
     "optical-markers": "detectors.optical_markers:OPTICAL_MARKERS",
     "reflectors": "detectors.reflectors:REFLECTORS",
+    "rocks": "detectors.rocks:ROCKS",
     "trees-2d": "detectors.trees_2d:TREES",
     "trees-3d": "detectors.trees_3d:TREES_3D",
 }

@@ -159,7 +159,7 @@ def tree_detector_time(seeds: Sequence[int]) -> list[Row]:
     for resolution, target in ((Resolution.HALF_DEGREE, 0.7), (Resolution.QUARTER_DEGREE, 0.8)):
         detector = TreeDetector(TreeSettings())
         scans = [trial.scan for trial in stand_trials(seeds, Lms151(resolution), DENSE)]
-        milliseconds = _median_ms([partial(detector.detect, scan) for scan in scans])
+        milliseconds = median_ms([partial(detector.detect, scan) for scan in scans])
         title = f"trees CPU median, {resolution.num_beams} beams"
         rows.append(Row(title, milliseconds, "ms", Better.LOWER, target))
     return rows
@@ -178,7 +178,7 @@ def ray_casting_time(seeds: Sequence[int]) -> list[Row]:
             )
             calls.append(partial(device.scan, world, Pose2(), rng))
         title = f"LMS151 simulation, 300 stems, {resolution.num_beams} beams"
-        rows.append(Row(title, _median_ms(calls), "ms", Better.LOWER, 3.0))
+        rows.append(Row(title, median_ms(calls), "ms", Better.LOWER, 3.0))
     return rows
 
 
@@ -271,7 +271,7 @@ def _nees(name: str, outcomes: Outcomes, within_m: float) -> list[Row]:
     ]
 
 
-def _median_ms(calls: Sequence[Callable[[], object]]) -> float:
+def median_ms(calls: Sequence[Callable[[], object]]) -> float:
     """Median CPU time of the calls, after one round to warm up."""
     times = []
     for round_ in range(2):
