@@ -123,7 +123,7 @@ def write_files(result: RunResult, folder: Path) -> None:
     write_map_json(folder / MAP_JSON, result.landmarks)
     write_map_csv(folder / MAP_CSV, result.landmarks)
     write_map_json(folder / MAP_FAST_JSON, result.fast_landmarks)
-    write_text(folder / SETTINGS_TOML, _settings_text(result.settings))
+    write_settings(folder, result.settings)
     write_text(folder / EVENTS_LOG, "".join(f"{event}\n" for event in result.events))
     run = _Run(
         name=result.name,
@@ -174,6 +174,16 @@ def read(folder: Path) -> RunResult:
         )
     except InputError as error:
         raise InputError(error if str(folder) in str(error) else f"{folder}: {error}") from error
+
+
+def write_settings(folder: Path, settings: dict[str, Any]) -> None:
+    """Writes settings.toml.
+
+    Raises:
+        SettingsError: they are nothing that TOML can hold.
+        SemgraphError: the file cannot be written.
+    """
+    write_text(folder / SETTINGS_TOML, _settings_text(settings))
 
 
 def read_toml(path: Path) -> dict[str, Any]:
