@@ -160,14 +160,24 @@ class FactorGraph:
             self._check_known(landmark)
         if gone == kept:
             raise GraphError(f"landmark {gone}: expected another one to merge it with")
-        if self._new_sightings and any(s.landmark == gone for _, s in self._new_sightings):
-            raise GraphError(f"landmark {gone}: update the graph before it is merged")
+        self._check_updated(gone)
         for sighting in self._sightings.pop(gone):
             self._removed_slots.append(sighting.slot)
             sighting.landmark = kept
             self._sightings[kept].append(sighting)
             self._queue(sighting)
         del self._landmark_guesses[gone]
+
+    def remove(self, landmark: int) -> None:
+        """Takes a landmark and its sightings out with the next update.
+
+        Raises:
+            GraphError: it is not in the graph, or factors of it wait for an update.
+        """
+        self._check_known(landmark)
+        self._check_updated(landmark)
+        self._removed_slots += [sighting.slot for sighting in self._sightings.pop(landmark)]
+        del self._landmark_guesses[landmark]
 
     def update(self, *, relinearize: bool = False) -> None:
         """Takes in all that was added since the last update.
@@ -237,6 +247,10 @@ class FactorGraph:
     def _check_known(self, landmark: int) -> None:
         if landmark not in self._sightings:
             raise GraphError(f"landmark {landmark} is not in the graph; add it first")
+
+    def _check_updated(self, landmark: int) -> None:
+        if any(sighting.landmark == landmark for _, sighting in self._new_sightings):
+            raise GraphError(f"landmark {landmark}: update the graph before it is taken out")
 
     def _queue(self, sighting: Sighting) -> None:
         self._new_sightings.append((self._new_factors.size(), sighting))

@@ -8,6 +8,7 @@ import numpy as np
 
 from semgraph.arrays import BoolArray, FloatArray
 from semgraph.association import associate
+from semgraph.existence import Existence
 from semgraph.factor_graph import FactorGraph
 from semgraph.landmarks import Kind, Perceptions, SemanticObject, semantic_object
 from semgraph.measurement_model import CHI2_2DOF_999, diameters_contradict
@@ -31,11 +32,13 @@ class GraphLandmark:
     kind: Kind
     identity: str
     scans: set[int] = field(default_factory=set)
+    num_tracks: int = 1
     num_views: int = 0
     diameter_m: float = np.nan
     diameter_weight: float = 0.0
     num_diameters: int = 0
     unreliability: float = 1.0
+    existence: Existence = field(default_factory=Existence)
 
     @property
     def num_sightings(self) -> int:
@@ -55,14 +58,18 @@ class GraphLandmark:
     def absorb(self, other: "GraphLandmark") -> None:
         """Takes over all that was known of another landmark which is the same object."""
         self.scans |= other.scans
+        self.num_tracks += other.num_tracks
         self.num_views += other.num_views
         self.unreliability *= other.unreliability
+        self.existence.absorb(other.existence)
         if other.num_diameters > 0:
             self._average(other.diameter_m, other.diameter_weight, other.num_diameters)
 
     def may_be(self, other: "GraphLandmark") -> bool:
         """Whether nothing but the position could speak against both being one object."""
         if self.kind is not other.kind or self.identity != other.identity:
+            return False
+        if self.existence.is_gone or other.existence.is_gone:
             return False
         if not self.scans.isdisjoint(other.scans):
             return False

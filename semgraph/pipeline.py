@@ -17,10 +17,11 @@ from semgraph.progress import Report
 from semgraph.results import RunResult
 from semgraph.settings import Settings
 from semgraph.smoother import Smoother
-from sensors.measurements import ImuSample, Raw, Recording, WheelOdometry
+from sensors.measurements import ImuSample, LaserScan, Raw, Recording, WheelOdometry
+from sensors.views import View
 
-# One moment: what was perceived, and the wheels' motion since the moment before.
-Moment = tuple[Perceptions, UncertainPose2 | None]
+# One moment: what was perceived, the wheels' motion since the moment before, how far a laser saw.
+Moment = tuple[Perceptions, UncertainPose2 | None, View | None]
 
 
 def run(
@@ -50,14 +51,14 @@ def run(
     stamps_ns: list[int] = []
     poses: list[np.ndarray] = []
     fast_seconds: list[float] = []
-    for perceptions, odometry in moments(recording, perceiver):
+    for perceptions, odometry, view in moments(recording, perceiver):
         before = time.perf_counter()
         step = fast.step(perceptions, odometry)
         fast_seconds.append(time.perf_counter() - before)
         if poses:
             moved = Pose2(*poses[-1]).between(step.map_T_base.pose)
             perceiver.moved(moved, (perceptions.stamp_ns - stamps_ns[-1]) * 1e-9)
-        smoother.add(tracker.step(perceptions, odometry), perceptions)
+        smoother.add(tracker.step(perceptions, odometry), perceptions, view)
         stamps_ns.append(perceptions.stamp_ns)
         poses.append(step.map_T_base.pose.as_array())
         report.done(len(stamps_ns))
@@ -93,7 +94,10 @@ def moments(recording: Recording, perceiver: Perceiver) -> Iterator[Moment]:
         elif isinstance(measurement, ImuSample):
             perceiver.lean(measurement)
         elif isinstance(measurement, Perceptions | Raw):
-            seen = measurement
-            if not isinstance(seen, Perceptions):
-                seen = perceiver.perceive(seen)
-            yield seen, wheels.take() if wheels is not None else None
+            view = View.of_scan(measurement) if isinstance(measurement, LaserScan) else None
+            seen = (
+                measurement
+                if isinstance(measurement, Perceptions)
+                else perceiver.perceive(measurement)
+            )
+            yield seen, wheels.take() if wheels is not None else None, view
