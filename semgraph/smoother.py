@@ -7,7 +7,7 @@ what is not seen often enough stays tentative, out of the map; what is no longer
 should be is gone.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -71,13 +71,13 @@ class Smoother:
         """What was decided, one line each, in order."""
         return (*self._events, *self._graph.incidents)
 
-    def add(self, step: FastStep, perceptions: Perceptions, view: View | None) -> None:
+    def add(self, step: FastStep, perceptions: Perceptions, views: Sequence[View]) -> None:
         """Takes in one scan of the fast estimator.
 
         Args:
             step: of the fast estimator.
             perceptions: that the step was made with.
-            view: how far the scan saw; without, nothing is ever missed.
+            views: how far lasers saw; without, nothing is ever missed.
         """
         self._move(step)
         scan = len(self._stamps_ns) - 1
@@ -93,8 +93,8 @@ class Smoother:
                 self._sight(track, scan, perceptions, row)
         if len(self._stamps_ns) % self._settings.update_every_scans == 0:
             self._update()
-            if view is not None:
-                self._miss(scan, odom_T_base, view)
+            if views:
+                self._miss(scan, odom_T_base, views)
 
     def finish(self, note: Callable[[str], None]) -> None:
         """The batch optimum, with duplicates that only the whole run reveals made one.
@@ -251,7 +251,7 @@ class Smoother:
                 del self._landmarks[track.landmark]
         self._moving.clear()
 
-    def _miss(self, scan: int, odom_T_base: Pose2, view: View) -> None:
+    def _miss(self, scan: int, odom_T_base: Pose2, views: Sequence[View]) -> None:
         """Counts against all landmarks that the scan should show and did not.
 
         Only where a landmark in sight was seen together with them before: then drift is no excuse.
@@ -266,7 +266,7 @@ class Smoother:
         diameters_m = np.nan_to_num(
             [known[landmark].diameter()[0] for landmark in hidden], nan=_SOME_DIAMETER_M
         )
-        seen = view.sees(self._guess, places, diameters_m)
+        seen = np.any([view.sees(self._guess, places, diameters_m) for view in views], axis=0)
         for k in np.flatnonzero(seen).tolist():
             missed = known[hidden[k]]
             if any(_lie_well(missed, other) for other in around):
