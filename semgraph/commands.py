@@ -18,7 +18,7 @@ from semgraph.progress import progress
 from semgraph.settings import Settings, load_settings
 from sensors.catalog import open_source, source_options
 
-DEMO_SOURCE: Final = "course:paper"
+DEMO_SOURCE: Final = "course:perceptions"
 RESULTS: Final = Path("results")
 RUN_RRD: Final = "run.rrd"
 

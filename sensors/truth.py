@@ -71,7 +71,7 @@ class Truth:
     """What is known of a recording's truth; None where it is not known.
 
     `associations` maps the stamp of a set of perceptions to (n,) rows of `landmarks`, -1 for
-    clutter.
+    clutter; the stamp of a scan or image to the rows that are clearly in sight.
     """
 
     path: TruePath | None = None
