@@ -8,7 +8,7 @@ import numpy as np
 
 from semgraph.arrays import BoolArray, FloatArray
 from semgraph.association import associate
-from semgraph.existence import Existence
+from semgraph.existence import Evidence, Existence
 from semgraph.factor_graph import FactorGraph
 from semgraph.landmarks import Kind, Perceptions, SemanticObject, semantic_object
 from semgraph.measurement_model import CHI2_2DOF_999, diameters_contradict
@@ -37,7 +37,7 @@ class GraphLandmark:
     diameter_m: float = np.nan
     diameter_weight: float = 0.0
     num_diameters: int = 0
-    unreliability: float = 1.0
+    evidence: Evidence = field(default_factory=Evidence)
     existence: Existence = field(default_factory=Existence)
 
     @property
@@ -48,7 +48,7 @@ class GraphLandmark:
     def sight(self, scan: int, perceptions: Perceptions, row: int) -> None:
         """Counts a sighting and averages its attributes in."""
         self.scans.add(scan)
-        self.unreliability *= 1.0 - float(perceptions.reliabilities[row])
+        self.evidence.look(float(perceptions.reliabilities[row]))
         diameter_m = float(perceptions.diameters_m[row])
         if np.isfinite(diameter_m):
             weight = float(perceptions.diameter_sigmas_m[row]) ** -2
@@ -60,7 +60,7 @@ class GraphLandmark:
         self.scans |= other.scans
         self.num_tracks += other.num_tracks
         self.num_views += other.num_views
-        self.unreliability *= other.unreliability
+        self.evidence.absorb(other.evidence)
         self.existence.absorb(other.existence)
         if other.num_diameters > 0:
             self._average(other.diameter_m, other.diameter_weight, other.num_diameters)

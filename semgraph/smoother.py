@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from semgraph.arrays import FloatArray
 from semgraph.estimates import Trajectory
+from semgraph.existence import Tally
 from semgraph.factor_graph import FactorGraph, Sighting
 from semgraph.fast_estimator import FastStep
 from semgraph.geometry import Pose2, UncertainPose2, rotation
@@ -45,8 +46,8 @@ _LOOP_SCANS: Final = 100
 _SEEN_TOGETHER_SCANS: Final = 20
 # Among fewer things nobody can tell whether the robot or the thing moves.
 _LEAST_TO_JUDGE: Final = 3
-# A thing whose diameter nobody knows.
-_SOME_DIAMETER_M: Final = 0.2
+# A thing whose diameter nobody knows: rather too small, then fewer looks count against it.
+_SOME_DIAMETER_M: Final = 0.1
 
 
 class Smoother:
@@ -59,6 +60,8 @@ class Smoother:
         self._landmarks: dict[int, GraphLandmark] = {}
         self._tracks: dict[int, Track] = {}
         self._moving: list[Track] = []
+        self._looks = {kind: Tally() for kind in Kind}
+        self._reliabilities = dict.fromkeys(Kind, (0, 0.0))
         self._by_identity: dict[tuple[Kind, str], int] = {}
         self._stamps_ns: list[int] = []
         self._next_landmark = 0
@@ -89,7 +92,9 @@ class Smoother:
             if track.is_moving:
                 self._moving.append(track)
             else:
-                track.known.existence.hit(odom_T_base, float(perceptions.reliabilities[row]))
+                kind = track.known.kind
+                reliability = float(perceptions.reliabilities[row])
+                track.known.existence.hit(odom_T_base, reliability, self._looks[kind])
                 self._sight(track, scan, perceptions, row)
         if len(self._stamps_ns) % self._settings.update_every_scans == 0:
             self._update()
@@ -133,7 +138,7 @@ class Smoother:
                 self._graph.landmark(landmark),
                 self._graph.landmark_covariance([landmark]),
                 len(self._graph.sightings(landmark)),
-                1.0 - known.unreliability,
+                self._reliability(known),
             )
             for landmark, known in ((each, self._landmarks[each]) for each in self._confirmed())
         )
@@ -155,12 +160,17 @@ class Smoother:
         ]
 
     def _is_established(self, known: GraphLandmark) -> bool:
-        """Whether it was sighted often and long enough."""
+        """Whether it was sighted often and long enough, and rather is what it seems than not."""
         first_ns, last_ns = (self._stamps_ns[scan] for scan in (min(known.scans), max(known.scans)))
         return (
             known.num_sightings >= self._settings.min_sightings
             and last_ns - first_ns >= self._settings.least_seconds * 1e9
+            and self._reliability(known) > 0.5
         )
+
+    def _reliability(self, known: GraphLandmark) -> float:
+        count, total = self._reliabilities[known.kind]
+        return known.evidence.reliability(total / max(count, 1))
 
     def _move(self, step: FastStep) -> None:
         """A new pose, reached by the motion model alone; the fast estimate says where to start.
@@ -201,12 +211,15 @@ class Smoother:
             self._landmarks[track.landmark] = track.known
         track.last_scan = scan
         track.known.sight(scan, perceptions, row)
+        count, total = self._reliabilities[track.known.kind]
+        reliability = float(perceptions.reliabilities[row])
+        self._reliabilities[track.known.kind] = (count + 1, total + reliability)
         sighting = Sighting(
             pose=scan + 1,
             landmark=track.landmark,
             range_m=float(perceptions.ranges_m[row]),
             bearing=float(perceptions.bearings[row]),
-            covariance=perceptions.covariances[row] / max(perceptions.reliabilities[row], 0.05),
+            covariance=perceptions.covariances[row] / max(reliability, 0.05),
         )
         self._graph.add_sighting(sighting)
 
@@ -270,7 +283,7 @@ class Smoother:
         for k in np.flatnonzero(seen).tolist():
             missed = known[hidden[k]]
             if any(_lie_well(missed, other) for other in around):
-                missed.existence.miss(odom_T_base)
+                missed.existence.miss(odom_T_base, self._looks[missed.kind])
                 if missed.existence.is_gone:
                     self._events.append(
                         f"gone at scan {scan}: {missed.kind.label} {hidden[k]}, "
