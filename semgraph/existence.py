@@ -80,10 +80,14 @@ class Evidence:
 
 @dataclass(slots=True)
 class Existence:
-    """What is believed of one landmark; looks count once every 0.3 m driven."""
+    """What is believed of one landmark; looks count once every 0.3 m driven.
+
+    `num_misses` counts the looks since it was last seen.
+    """
 
     log_odds: float = _START
     tally: Tally = field(default_factory=Tally)
+    num_misses: int = 0
     _last_hit: Pose2 | None = None
     _last_miss: Pose2 | None = None
 
@@ -108,6 +112,7 @@ class Existence:
         if _is_near(self._last_hit, odom_T_base):
             return
         self._last_hit = odom_T_base
+        self.num_misses = 0
         self._count(of_kind, is_hit=True)
         doubt = _logit(min(max(reliability, 0.01), _DETECTED)) - _logit(_DETECTED)
         self.log_odds = min(self.log_odds + max(_HIT + doubt, 0.0), _LIMIT)
@@ -120,6 +125,7 @@ class Existence:
         if _is_near(self._last_miss, odom_T_base):
             return
         self._last_miss = odom_T_base
+        self.num_misses += 1
         detected = min(self.tally.rate(of_kind.rate(), _LOOKS_AT_OTHERS), _DETECTED)
         self._count(of_kind, is_hit=False)
         change = float(np.log((1.0 - detected) / (1.0 - _CLUTTER)))

@@ -78,6 +78,7 @@ def run(
         events=(*smoother.events, *perceiver.events),
         settings=effective_settings,
         fast_landmarks=tuple(fast.navigation_map),
+        gone=smoother.gone(),
     )
 
 

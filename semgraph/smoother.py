@@ -19,7 +19,7 @@ from semgraph.existence import Tally
 from semgraph.factor_graph import FactorGraph, Sighting
 from semgraph.fast_estimator import FastStep
 from semgraph.geometry import Pose2, UncertainPose2, rotation
-from semgraph.landmarks import Kind, Landmark, Perceptions
+from semgraph.landmarks import Gone, Kind, Landmark, Perceptions
 from semgraph.loop_closure import Closure, GraphLandmark, duplicates, find_closures
 from semgraph.tracks import Track
 from sensors.views import View
@@ -130,17 +130,26 @@ class Smoother:
         ).reshape(-1, 3, 3)
 
     def landmarks(self) -> tuple[Landmark, ...]:
-        """The map: all landmarks of the graph with their marginal covariances."""
+        """The map: all confirmed landmarks of the graph with their marginal covariances."""
+        return tuple(self._landmark(landmark) for landmark in self._confirmed())
+
+    def gone(self) -> tuple[Gone, ...]:
+        """What was confirmed once and is no longer there."""
         return tuple(
-            Landmark(
-                landmark,
-                known.semantics(),
-                self._graph.landmark(landmark),
-                self._graph.landmark_covariance([landmark]),
-                len(self._graph.sightings(landmark)),
-                self._reliability(known),
-            )
-            for landmark, known in ((each, self._landmarks[each]) for each in self._confirmed())
+            Gone(self._landmark(landmark), known.existence.num_misses)
+            for landmark, known in self._landmarks.items()
+            if known.existence.is_gone and self._is_established(known)
+        )
+
+    def _landmark(self, landmark: int) -> Landmark:
+        known = self._landmarks[landmark]
+        return Landmark(
+            landmark,
+            known.semantics(),
+            self._graph.landmark(landmark),
+            self._graph.landmark_covariance([landmark]),
+            len(self._graph.sightings(landmark)),
+            self._reliability(known),
         )
 
     def _confirmed(self) -> list[int]:
@@ -272,7 +281,13 @@ class Smoother:
         around = [track.known for track in self._in_sight() if track.known.existence.is_there]
         sighted = {id(known) for known in around}
         known = self._landmarks
-        hidden = [each for each in self._confirmed() if id(known[each]) not in sighted]
+        hidden = [
+            landmark
+            for landmark, each in known.items()
+            if id(each) not in sighted
+            and not each.existence.is_gone
+            and each.num_sightings >= self._settings.min_sightings
+        ]
         if not hidden or not around:
             return
         places = np.array([self._graph.landmark(landmark) for landmark in hidden])
@@ -286,8 +301,8 @@ class Smoother:
                 missed.existence.miss(odom_T_base, self._looks[missed.kind])
                 if missed.existence.is_gone:
                     self._events.append(
-                        f"gone at scan {scan}: {missed.kind.label} {hidden[k]}, "
-                        f"last sighted at scan {max(missed.scans)}"
+                        f"gone at scan {scan}: {missed.kind.label} {hidden[k]}, last sighted at "
+                        f"scan {max(missed.scans)}, {missed.existence.num_misses} looks in vain"
                     )
 
     def _update(self) -> None:
