@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from detectors.optical_markers import OpticalMarkerDetector, OpticalMarkerSettings
-from evaluation.bench_detectors import Better, Row
+from evaluation.bench_statistics import mean, rms
+from evaluation.bench_table import Better, Row
 from semgraph.arrays import BoolArray, FloatArray
 from semgraph.geometry import Pose2, wrap_angle
 from sensors.measurements import CameraGeometry, Mounting, Tilt
@@ -51,19 +52,19 @@ def optical_markers(seeds: Sequence[int]) -> list[Row]:
     ):
         outcomes = marker_outcomes(seeds, widths_px)
         seen = outcomes.detected
-        nees = float(np.mean(outcomes.nees[seen])) if seen.any() else float("nan")
+        nees = mean(outcomes.nees[seen])
         rows += [
-            Row(f"{name} detected", float(seen.mean()), "", Better.HIGHER, 0.99),
+            Row(f"{name} detected", mean(seen), "", Better.HIGHER, 0.99),
             Row(
                 f"{name} range RMSE",
-                100.0 * _rms(outcomes.range_shares[seen]),
+                100.0 * rms(outcomes.range_shares[seen]),
                 "%",
                 Better.LOWER,
                 range_percent,
             ),
             Row(
                 f"{name} bearing RMSE",
-                float(np.degrees(_rms(outcomes.bearings[seen]))),
+                float(np.degrees(rms(outcomes.bearings[seen]))),
                 "deg",
                 Better.LOWER,
                 0.03,
@@ -140,8 +141,3 @@ def _marker_in_sight(
         inside = (corners_px >= 3.0) & (corners_px <= (CAMERA.width - 4.0, CAMERA.height - 4.0))
         if inside.all() and (depths_m > 0.0).all():
             return marker
-
-
-def _rms(values: FloatArray) -> float:
-    """NaN for none."""
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

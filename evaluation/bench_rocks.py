@@ -17,9 +17,11 @@ import numpy as np
 
 from detectors.rock_settings import RockSettings
 from detectors.rocks import RockDetector
-from evaluation.bench_detectors import RELIABLE, Better, Row, median_ms
+from evaluation.bench_statistics import mean, median_ms, worst_bin
+from evaluation.bench_table import Better, Row
+from evaluation.detector_trials import RELIABLE
 from evaluation.rock_trials import RockOutcomes, judge_rocks, rock_trials
-from semgraph.arrays import BoolArray, FloatArray
+from semgraph.arrays import BoolArray
 from sensors.simulation.depth_camera import DepthCamera, Stereo, TimeOfFlight
 from sensors.simulation.terrain import MEDIUM, ROUGH, SMOOTH, TerrainSettings
 
@@ -67,14 +69,7 @@ def rock_reliability(seeds: Sequence[int]) -> list[Row]:
     everything = RockOutcomes.union(
         [_outcomes(tuple(seeds), ground, device, settings)[1] for ground in (SMOOTH, MEDIUM, ROUGH)]
     )
-    said, right = everything.reliabilities, everything.right
-    bins = np.minimum((10.0 * said).astype(int), 9)
-    differences = [
-        abs(_mean(said[bins == k]) - _mean(right[bins == k]))
-        for k in range(10)
-        if (bins == k).sum() >= _MIN_IN_BIN
-    ]
-    worst = max(differences, default=float("nan"))
+    worst = worst_bin(everything.reliabilities, everything.right, _MIN_IN_BIN)
     return [Row("rocks reliability, worst bin", worst, "", Better.LOWER, 0.05)]
 
 
@@ -110,7 +105,7 @@ def _outcomes(
 
 def _figures(name: str, outcomes: RockOutcomes, recall: float, precision: float) -> list[Row]:
     whole = outcomes.whole & (outcomes.ranges_m < WITHIN_M)
-    nees = _mean(outcomes.nees[whole])
+    nees = mean(outcomes.nees[whole])
     large = whole & (outcomes.true_diameters_m >= LARGE_M)
     near = large & (outcomes.ranges_m < NEAR_M)
     return [
@@ -132,11 +127,9 @@ def _rates(name: str, outcomes: RockOutcomes, targets: tuple[float, float]) -> l
     large = near & (outcomes.diameters_m >= LARGE_M)
     recall, precision = targets
     return [
-        Row(f"{name} recall", _mean(outcomes.found[there]), "", Better.HIGHER, recall),
-        Row(f"{name} precision", _mean(outcomes.right[near]), "", Better.HIGHER, precision),
-        Row(
-            f"{name} precision of .3 m", _mean(outcomes.right[large]), "", Better.HIGHER, precision
-        ),
+        Row(f"{name} recall", mean(outcomes.found[there]), "", Better.HIGHER, recall),
+        Row(f"{name} precision", mean(outcomes.right[near]), "", Better.HIGHER, precision),
+        Row(f"{name} precision of .3 m", mean(outcomes.right[large]), "", Better.HIGHER, precision),
     ]
 
 
@@ -144,12 +137,7 @@ def _centre_mm(outcomes: RockOutcomes, chosen: BoolArray) -> float:
     """RMSE; NaN for none."""
     along_m, across = outcomes.errors[chosen, 0], outcomes.errors[chosen, 1]
     squares = along_m**2 + (across * outcomes.ranges_m[chosen]) ** 2
-    return 1e3 * float(np.sqrt(_mean(squares)))
-
-
-def _mean(values: FloatArray | BoolArray) -> float:
-    """NaN for none."""
-    return float(np.mean(values)) if values.size else float("nan")
+    return 1e3 * float(np.sqrt(mean(squares)))
 
 
 Figures = Callable[[Sequence[int]], list[Row]]
@@ -161,8 +149,3 @@ FIGURES: Final[tuple[Figures, ...]] = (
     rock_reliability,
     rock_detector_time,
 )
-
-
-def run(seeds: Sequence[int]) -> list[Row]:
-    """All figures, in the order of the table."""
-    return [row for figures in FIGURES for row in figures(seeds)]

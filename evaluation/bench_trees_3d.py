@@ -5,18 +5,20 @@ Targets: centre and diameter against a second cloud after what this method reach
 """
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from detectors.tree_3d_settings import Tree3dSettings
 from detectors.trees_3d import Tree3dDetector
-from evaluation.bench_detectors import Better, Row
-from evaluation.detector_trials import MAX_MATCH_M, Outcomes, Trial, judge_detector
-from semgraph.arrays import BoolArray, FloatArray, IntArray
+from evaluation.bench_statistics import mean, median_ms, worst_bin
+from evaluation.bench_table import Better, Row
+from evaluation.detector_trials import MAX_MATCH_M, RELIABLE, Trial, judge_detector
+from evaluation.tree_figures import errors_between, nees_within, rates
+from semgraph.arrays import FloatArray, IntArray
 from semgraph.geometry import Pose2
 from semgraph.landmarks import Perceptions
 from sensors.measurements import PointCloud, Tilt
@@ -36,19 +38,9 @@ DEVICES = {
         stagger=0.5,
     ),
 }
-RELIABLE = 0.7
 _TILT_SIGMA = 0.03
 _MIN_ROWS = 4
 _PLACES_M = 8.0
-
-
-def run(seeds: Sequence[int]) -> list[Row]:
-    """All figures, in the order of the table."""
-    rows: list[Row] = []
-    for num_rings in DEVICES:
-        for figures in FIGURES:
-            rows += figures(num_rings, seeds)
-    return rows
 
 
 def trunks(num_rings: int, seeds: Sequence[int]) -> list[Row]:
@@ -56,14 +48,16 @@ def trunks(num_rings: int, seeds: Sequence[int]) -> list[Row]:
     trials = [trial for seed in seeds for trial in _trials(seed, DEVICES[num_rings])]
     detector = Tree3dDetector(Tree3dSettings())
     outcomes = judge_detector(trials, detector, TREES, RELIABLE)
+    everything = judge_detector(trials, detector, TREES, 0.0)
+    worst = worst_bin(everything.reliabilities, everything.matched >= 0, 100)
     name = f"trees 3D {num_rings} rings"
     return [
-        *_rates(name, outcomes, 20.0),
-        *_errors(name, outcomes, (0.0, 5.0), 10.0, 15.0),
-        *_errors(name, outcomes, (5.0, 10.0), 18.0, 28.0),
-        *_errors(name, outcomes, (10.0, 20.0), 35.0, 55.0),
-        *_nees(name, outcomes, 20.0),
-        _calibration(name, judge_detector(trials, detector, TREES, 0.0)),
+        *rates(name, outcomes, 20.0, _MIN_ROWS, (0.92, 0.96)),
+        *errors_between(name, outcomes, (0.0, 5.0), (10.0, 15.0)),
+        *errors_between(name, outcomes, (5.0, 10.0), (18.0, 28.0)),
+        *errors_between(name, outcomes, (10.0, 20.0), (35.0, 55.0)),
+        *nees_within(name, outcomes, 20.0, (1.0, 4.0)),
+        Row(f"{name} reliability, worst bin", worst, "", Better.LOWER, 0.05),
     ]
 
 
@@ -85,7 +79,7 @@ def repeatability(num_rings: int, seeds: Sequence[int]) -> list[Row]:
     # Of one measurement: the difference of two has twice its variance.
     spread = 1.4826 * np.median(np.abs(np.concatenate(diameters_m))) / math.sqrt(2.0)
     return [
-        Row(f"{name}, found", _mean(np.concatenate(found)), "", Better.HIGHER, 25.0 / 29.0),
+        Row(f"{name}, found", mean(np.concatenate(found)), "", Better.HIGHER, 25.0 / 29.0),
         Row(f"{name}, centre difference, median", centre_mm, "mm", Better.LOWER, 17.0),
         Row(f"{name}, diameter, robust sigma", 1e3 * float(spread), "mm", Better.LOWER, 11.0),
     ]
@@ -95,13 +89,9 @@ def detector_time(num_rings: int, seeds: Sequence[int]) -> list[Row]:
     """Median CPU time of a cloud; ten clouds a second leave 100 ms."""
     detector = Tree3dDetector(Tree3dSettings())
     clouds = [trial.scan for seed in seeds[:4] for trial in _trials(seed, DEVICES[num_rings])]
-    times_ms = []
-    for cloud in clouds:
-        started = time.process_time_ns()
-        detector.detect(cloud)
-        times_ms.append(1e-6 * (time.process_time_ns() - started))
+    milliseconds = median_ms([partial(detector.detect, cloud) for cloud in clouds])
     name = f"trees 3D {num_rings} rings CPU median"
-    return [Row(name, float(np.median(times_ms)), "ms", Better.LOWER, 100.0)]
+    return [Row(name, milliseconds, "ms", Better.LOWER, 100.0)]
 
 
 def _trials(seed: int, device: Lidar3d) -> list[Trial[PointCloud]]:
@@ -176,65 +166,6 @@ def _free_place(world: World3d, rng: np.random.Generator) -> Pose2:
         apart_m = np.linalg.norm(world.world_t_feet - (x, y), axis=1) - world.radii_m
         if apart_m.min(initial=np.inf) > 0.7:
             return Pose2(x, y, theta)
-
-
-def _rates(name: str, outcomes: Outcomes, within_m: float) -> list[Row]:
-    there = (
-        (outcomes.thing_beams >= _MIN_ROWS)
-        & (outcomes.thing_shares >= 0.6)
-        & (outcomes.thing_distances_m < within_m)
-    )
-    near = outcomes.ranges_m < within_m
-    found, right = _mean(outcomes.found[there]), _mean(outcomes.matched[near] >= 0)
-    return [
-        Row(f"{name} recall to {within_m:g} m", found, "", Better.HIGHER, 0.92),
-        Row(f"{name} precision to {within_m:g} m", right, "", Better.HIGHER, 0.96),
-    ]
-
-
-def _errors(
-    name: str, outcomes: Outcomes, between_m: tuple[float, float], centre: float, diameter: float
-) -> list[Row]:
-    low, high = between_m
-    inside = outcomes.visible & (outcomes.ranges_m >= low) & (outcomes.ranges_m < high)
-    errors = outcomes.errors[inside]
-    apart_m = np.hypot(errors[:, 0], errors[:, 1] * outcomes.ranges_m[inside])
-    where = f"{name} {low:g}-{high:g} m"
-    return [
-        Row(f"{where} centre RMSE", 1e3 * _rms(apart_m), "mm", Better.LOWER, centre),
-        Row(f"{where} diameter RMSE", 1e3 * _rms(errors[:, 2]), "mm", Better.LOWER, diameter),
-    ]
-
-
-def _nees(name: str, outcomes: Outcomes, within_m: float) -> list[Row]:
-    nees = _mean(outcomes.nees[outcomes.visible & (outcomes.ranges_m < within_m)])
-    title = f"{name} NEES of 3"
-    return [
-        Row(title, nees, "", Better.HIGHER, 1.0),
-        Row(title, nees, "", Better.LOWER, 4.0),
-    ]
-
-
-def _calibration(name: str, outcomes: Outcomes) -> Row:
-    """Largest difference of predicted and observed, in bins of a tenth that hold 100 or more."""
-    bins = np.minimum((10.0 * outcomes.reliabilities).astype(int), 9)
-    differences = [
-        abs(_mean(outcomes.reliabilities[bins == k]) - _mean(outcomes.matched[bins == k] >= 0))
-        for k in range(10)
-        if (bins == k).sum() >= 100
-    ]
-    worst = max(differences, default=math.nan)
-    return Row(f"{name} reliability, worst bin", worst, "", Better.LOWER, 0.05)
-
-
-def _mean(values: FloatArray | BoolArray) -> float:
-    """NaN for none."""
-    return float(np.mean(values)) if values.size else math.nan
-
-
-def _rms(values: FloatArray) -> float:
-    """NaN for none."""
-    return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
 
 
 Figures = Callable[[int, Sequence[int]], list[Row]]

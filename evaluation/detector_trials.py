@@ -19,6 +19,7 @@ from sensors.simulation.world_3d import World3d
 
 SCANS_PER_STAND = 4
 MAX_MATCH_M = 0.3
+RELIABLE = 0.7
 Seen = TypeVar("Seen", bound=Raw)
 _PLACES_M = 8.0
 

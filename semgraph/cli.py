@@ -7,6 +7,7 @@ from pathlib import Path
 
 from semgraph.errors import SemgraphError
 
+_MAX_SEEDS = 10_000
 _SOURCES = """\
 sources:
   course:paper            the paper's round course from laser scans (--set seed=1, odometry=true)
@@ -46,6 +47,8 @@ def _call(parsed: argparse.Namespace) -> None:
             commands.compare(parsed.first, parsed.second)
         case "view":
             commands.view(parsed.folder)
+        case "bench":
+            commands.bench_detectors(parsed.seeds, parsed.output, parsed.data)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -91,7 +94,38 @@ def _parser() -> argparse.ArgumentParser:
     compare = commands.add_parser("compare", help="how far two runs of one recording are apart")
     compare.add_argument("first", type=Path, metavar="DIR", help="the results of a run")
     compare.add_argument("second", type=Path, metavar="DIR", help="the results of another")
+    _add_bench(commands)
     return parser
+
+
+def _add_bench(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    bench = commands.add_parser("bench", help="measure all figures of the detectors")
+    benches = bench.add_subparsers(dest="bench", required=True, metavar="WHAT")
+    detectors = benches.add_parser(
+        "detectors", help="on simulated measurements: a table of figures and targets"
+    )
+    detectors.add_argument(
+        "--seeds",
+        type=_seeds,
+        default=range(101, 125),
+        metavar="A-B",
+        help="of the simulated worlds (default: 101-124, some minutes)",
+    )
+    detectors.add_argument(
+        "--data", type=Path, metavar="DIR", help="real recordings, with the folder car_park"
+    )
+    _add_output(detectors)
+
+
+def _seeds(text: str) -> range:
+    """A-B, or A alone."""
+    first, _, last = text.partition("-")
+    if not (first.isdecimal() and (last or first).isdecimal()):
+        raise argparse.ArgumentTypeError(f"expected seeds as in 101-124, got {text!r}")
+    seeds = range(int(first), int(last or first) + 1)
+    if not 1 <= len(seeds) <= _MAX_SEEDS:
+        raise argparse.ArgumentTypeError(f"expected 1 to {_MAX_SEEDS} seeds, got {text}")
+    return seeds
 
 
 def _add_output(parser: argparse.ArgumentParser) -> None:

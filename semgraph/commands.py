@@ -88,6 +88,16 @@ def view(folder: Path) -> None:
     viewer.open_viewer(folder / RUN_RRD)
 
 
+def bench_detectors(seeds: Sequence[int], output: Path | None, data: Path | None) -> None:
+    """Measures the detectors' figures, prints and writes them beside their targets."""
+    from evaluation.bench_detectors import SECTIONS, bench, car_park
+
+    folder = output or staging.new_results_folder(RESULTS, datetime.now().astimezone())
+    console = Console(soft_wrap=True)
+    bench(console, (*SECTIONS, car_park(data)), seeds, folder)
+    console.print(f"written: {folder}")
+
+
 def _effective(source: str, settings: Settings, perceiver: Perceiver) -> dict[str, Any]:
     """All settings as they hold, defaults included."""
     effective = settings.model_dump(mode="json")

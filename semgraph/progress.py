@@ -36,16 +36,16 @@ class Silence:
 
 
 @contextmanager
-def progress(console: "Console", what: str, total: int) -> Iterator[Report]:
+def progress(console: "Console", what: str, total: int, unit: str = "scans") -> Iterator[Report]:
     """Whom to tell how many of `total` are done."""
     if console.is_terminal:
-        with _bar(console) as bar:
+        with _bar(console, unit) as bar:
             yield _Bar(bar, bar.add_task(what, total=total, rate=0.0), what)
     else:
-        yield _Lines(console, what, total)
+        yield _Lines(console, what, total, unit)
 
 
-def _bar(console: "Console") -> "Progress":
+def _bar(console: "Console", unit: str) -> "Progress":
     from rich.progress import (
         BarColumn,
         Progress,
@@ -58,7 +58,7 @@ def _bar(console: "Console") -> "Progress":
         TextColumn("{task.description}"),
         BarColumn(),
         TaskProgressColumn(show_speed=True),
-        TextColumn("{task.completed}/{task.total} scans, {task.fields[rate]:.0f}/s"),
+        TextColumn(f"{{task.completed}}/{{task.total}} {unit}, {{task.fields[rate]:.3g}}/s"),
         TimeRemainingColumn(),
         console=console,
         transient=True,
@@ -81,10 +81,11 @@ class _Bar:
 
 
 class _Lines:
-    def __init__(self, console: "Console", what: str, total: int) -> None:
+    def __init__(self, console: "Console", what: str, total: int, unit: str) -> None:
         self._console = console
         self._what = what
         self._total = total
+        self._unit = unit
         self._started = self._told = time.monotonic()
 
     def done(self, count: int) -> None:
@@ -95,7 +96,7 @@ class _Lines:
         rate = count / (now - self._started)
         left = (self._total - count) / rate
         self._console.print(
-            f"{self._what}: {count}/{self._total} scans, {rate:.0f}/s, {left:.0f} s left"
+            f"{self._what}: {count}/{self._total} {self._unit}, {rate:.3g}/s, {left:.0f} s left"
         )
 
     def note(self, text: str) -> None:

@@ -1,69 +1,82 @@
-"""The bench: every figure is measured, targets are judged, a blind detector fails."""
+"""The bench of all detectors: sections in order, what is missing left out, files whole or none."""
 
-import math
+from collections.abc import Sequence
+from pathlib import Path
 
-import numpy as np
 import pytest
+from rich.console import Console
 
-from detectors.tree_settings import TreeSettings
-from detectors.trees_2d import TreeDetector
-from evaluation import bench_detectors as bench
-from evaluation.bench_detectors import Better, Row
-from evaluation.detector_trials import judge_detector, look, stand_trials
-from semgraph.geometry import Pose2
-from semgraph.landmarks import Kind, Perceptions
-from sensors.measurements import LaserScan
-from sensors.simulation.lms151 import Lms151, Resolution
-from sensors.simulation.world import FOREST, Thing, World
+from evaluation.bench_detectors import SECTIONS, Section, bench, car_park, measure
+from evaluation.bench_table import Better, Row
+from semgraph.errors import InputError, SemgraphError
+from semgraph.progress import Silence
 
 
-class Blind:
-    def detect(self, scan: LaserScan) -> Perceptions:
-        nothing = np.zeros(0)
-        return Perceptions.from_arrays(
-            scan.stamp_ns, Kind.TREE, nothing, nothing, np.zeros((0, 2, 2))
-        )
+def figures(seeds: Sequence[int]) -> list[Row]:
+    return [Row("last seed", float(seeds[-1]), "", Better.HIGHER, 3.0)]
 
 
-@pytest.mark.parametrize(
-    ("value", "better", "reached"),
-    [
-        (0.9, Better.HIGHER, True),
-        (0.89, Better.HIGHER, False),
-        (0.9, Better.LOWER, True),
-        (0.91, Better.LOWER, False),
-        (math.nan, Better.HIGHER, False),
-        (math.nan, Better.LOWER, False),
-    ],
-)
-def test_targets(value: float, better: Better, *, reached: bool) -> None:
-    assert Row("figure", value, "", better, 0.9).reached is reached
+def missing(seeds: Sequence[int]) -> list[Row]:
+    raise InputError("expected a library\nthere is none")
 
 
-def test_a_blind_detector_finds_nothing() -> None:
-    trials = list(stand_trials([1], Lms151(), (FOREST,)))
-    outcomes = judge_detector(trials, Blind(), bench.TREES, 0.0)
-    assert not outcomes.found.any()
-    assert len(outcomes.ranges_m) == 0
-    assert (outcomes.thing_beams >= 3).any()
+def broken(seeds: Sequence[int]) -> list[Row]:
+    raise ZeroDivisionError
 
 
-def test_the_truth_of_a_lone_stem() -> None:
-    rng = np.random.default_rng(0)
-    world = World.of(Thing.STEM, np.array([[3.0, 4.0]]), np.array([0.4]), rng)
-    trial = look(world, Pose2(0.0, 0.0, np.pi / 2), Lms151(Resolution.QUARTER_DEGREE), rng)
-    assert trial.distances_m[0] == pytest.approx(5.0)
-    assert trial.bearings[0] == pytest.approx(math.atan2(4.0, 3.0) - np.pi / 2)
-    assert trial.visible_shares[0] == pytest.approx(1.0)
-    assert trial.num_beams[0] > 15
-    outcomes = judge_detector([trial], TreeDetector(TreeSettings()), bench.TREES, 0.5)
-    assert outcomes.found.tolist() == [True]
-    assert outcomes.matched.tolist() == [Thing.STEM]
-    assert np.abs(outcomes.errors).max() < 0.05
+class Told(list[int]):
+    def done(self, count: int) -> None:
+        self.append(count)
+
+    def note(self, text: str) -> None:
+        pass
 
 
-@pytest.mark.parametrize("figures", bench.FIGURES)
-def test_every_figure_is_measured(figures: bench.Figures) -> None:
-    rows = figures([11, 12])
-    assert rows
-    assert all(math.isfinite(row.value) for row in rows)
+def test_sections_have_names_and_figures_of_their_own() -> None:
+    assert len({section.name for section in SECTIONS}) == len(SECTIONS)
+    every = [each for section in SECTIONS for each in section.figures]
+    assert len(every) == len(set(every))
+    assert all(section.work > 0.0 for section in SECTIONS)
+
+
+def test_what_is_missing_is_left_out_and_the_rest_measured() -> None:
+    told = Told()
+    sections = (
+        Section("one", (figures, missing, figures), 1.0),
+        Section("two", (figures, figures), 3.0),
+    )
+    one, two = measure(sections, range(1, 4), told)
+    assert (len(one.rows), one.left_out) == (1, "expected a library there is none")
+    assert (len(two.rows), two.left_out) == (2, "")
+    assert two.rows[0].value == 3.0
+    assert told == [8, 62, 100]
+
+
+def test_without_data_the_car_park_is_left_out(tmp_path: Path) -> None:
+    (unnamed,) = measure([car_park(None)], [1], Silence())
+    assert "--data DIR" in unnamed.left_out
+    (empty,) = measure([car_park(tmp_path)], [1], Silence())
+    assert str(tmp_path) in empty.left_out
+
+
+@pytest.mark.shared_data
+def test_the_car_park_is_found_inside_the_recordings(shared_data: Path) -> None:
+    (section,) = measure([car_park(shared_data)], [1], Silence())
+    assert section.left_out == ""
+    assert len(section.rows) == 2
+
+
+def test_both_files_are_written_or_none(tmp_path: Path) -> None:
+    console = Console(quiet=True)
+    folder = tmp_path / "out"
+    with pytest.raises(ZeroDivisionError):
+        bench(console, [Section("one", (figures, broken), 1.0)], [1], folder)
+    assert list(tmp_path.iterdir()) == []
+    bench(console, [Section("one", (figures,), 1.0)], [1, 2], folder)
+    assert sorted(path.name for path in folder.iterdir()) == ["detectors.csv", "detectors.md"]
+    assert "seeds 1 to 2" in (folder / "detectors.md").read_text()
+    bench(console, [Section("one", (figures,), 1.0)], [5], folder)
+    assert "5.0" in (folder / "detectors.csv").read_text()
+    (folder / "detectors.csv").unlink()
+    with pytest.raises(SemgraphError, match="holds something else"):
+        bench(console, [Section("one", (figures,), 1.0)], [5], folder)

@@ -10,7 +10,7 @@ from detectors.rock_settings import RockSettings
 from detectors.rocks import RockDetector
 from evaluation import bench_rocks as bench
 from evaluation import rock_trials
-from evaluation.bench_detectors import Row
+from evaluation.bench_table import Row
 from evaluation.rock_trials import RockTrial, judge_rocks, look, match_rocks
 from semgraph.geometry import Pose2
 from semgraph.landmarks import Kind, Perceptions, polar_covariances

@@ -121,8 +121,21 @@ def test_a_known_error_is_one_line_and_status_1(
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
 
 
-def test_wrong_usage_is_status_2(tmp_path: Path) -> None:
-    assert semgraph(tmp_path, "fly").returncode == 2
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["fly"],
+        ["bench"],
+        ["bench", "detectors", "--seeds", "5-4"],
+        ["bench", "detectors", "--seeds", "x"],
+        ["bench", "detectors", "--seeds=-3-4"],
+        ["bench", "detectors", "--seeds", "1-99999999999"],
+    ],
+)
+def test_wrong_usage_is_status_2(tmp_path: Path, arguments: list[str]) -> None:
+    done = semgraph(tmp_path, *arguments)
+    assert done.returncode == 2
+    assert "usage" in done.stderr
 
 
 def test_a_folder_written_by_hand_runs(tmp_path: Path) -> None:
@@ -139,8 +152,8 @@ def test_a_folder_written_by_hand_runs(tmp_path: Path) -> None:
 
 
 def test_the_readmes_commands_exist() -> None:
-    commands = set(re.findall(r"semgraph (demo|run|evaluate|view|compare)\b", _text()))
-    assert {"demo", "run", "evaluate", "view"} <= commands
+    commands = set(re.findall(r"semgraph (demo|run|evaluate|view|compare|bench)\b", _text()))
+    assert {"demo", "run", "evaluate", "view", "bench"} <= commands
     assert "./check" in _text()
     assert (ROOT / "check").stat().st_mode & 0o111
     assert "./check" in (ROOT / ".ci" / "run").read_text()
