@@ -70,6 +70,10 @@ _ENTRIES = {
     "plain": _Entry("sensors.plain_folder", "PlainOptions"),
     "course:perceptions": _course("perceptions", "CourseOptions"),
     "course:paper": _course("paper", "PaperOptions"),
+    "course:forest": _course("forest", "ForestOptions"),
+    "course:rocks": _course("rocks", "RocksOptions"),
+    "course:car-park": _course("car-park", "CarParkOptions"),
+    "course:markers": _course("markers", "MarkersOptions"),
 }
 _FOLDER_PLACES = (_folder, _gtsam_data)
 

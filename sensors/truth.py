@@ -72,11 +72,13 @@ class Truth:
 
     `associations` maps the stamp of a set of perceptions to (n,) rows of `landmarks`, -1 for
     clutter; the stamp of a scan or image to the rows that are clearly in sight.
+    `landmarks` are those that stand at the end, `felled` those that stood before.
     """
 
     path: TruePath | None = None
     landmarks: TrueLandmarks | None = None
     associations: dict[int, IntArray] | None = None
+    felled: TrueLandmarks | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,12 +10,13 @@ from pydantic import BeforeValidator
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.geometry import Pose2
 from semgraph.landmarks import Kind
-from sensors.measurements import LaserScan
+from sensors.measurements import LaserScan, OdometryNoise, Recording
+from sensors.simulation.courses.recorded import Recorded, motion_samples
 from sensors.simulation.courses.track import Drive
 from sensors.simulation.lms151 import Lms151, Motion, Resolution
 from sensors.simulation.ray_casting import visible_arcs
 from sensors.simulation.world import Thing, World
-from sensors.truth import TrueLandmarks
+from sensors.truth import Source, TrueLandmarks, Truth
 
 _LASER_AHEAD_M: Final = 0.3
 _FIELD_OF_A_TURN: Final = 270.0 / 360.0
@@ -81,14 +82,14 @@ class ScansOnTheWay:
             tilt=tilt,
         )
 
-    def in_sight(self, reach_m: float) -> dict[int, IntArray]:
-        """Of each scan, by its stamp, the rows of stems that no detector may overlook.
+    def in_sight(self, thing: Thing, reach_m: float) -> dict[int, IntArray]:
+        """Of each scan, by its stamp, the rows of such things that no detector may overlook.
 
-        No farther than `reach_m`, answered by three beams, and at most 40 % hidden.
+        No farther than `reach_m`, wide enough for three beams, and at most 40 % hidden.
         """
         stamps = self.way.stamps_ns[self.ticks].tolist()
         return {
-            stamp_ns: self._stems_in_sight(int(tick), reach_m)
+            stamp_ns: self._in_sight(thing, tick, reach_m)
             for stamp_ns, tick in zip(stamps, self.ticks.tolist(), strict=True)
         }
 
@@ -98,7 +99,7 @@ class ScansOnTheWay:
         leant = self.way.tilt(tick).level_R_base() @ (mount.x, mount.y, self.device.height_m)
         return float(leant[0]), float(leant[1])
 
-    def _stems_in_sight(self, tick: int, reach_m: float) -> IntArray:
+    def _in_sight(self, thing: Thing, tick: int, reach_m: float) -> IntArray:
         world = self.world_at(tick)
         world_T_laser = self.way.pose(tick) @ Pose2(*self._base_t_laser(tick), 0.0)
         laser_t_things = world_T_laser.inverse().transform(world.world_t_things)
@@ -107,10 +108,11 @@ class ScansOnTheWay:
         shares = _visible_shares(laser_t_things[rows], distances_m[rows], world.radii_m[rows])
         geometry = self.device.geometry
         bearings = np.arctan2(*laser_t_things[rows].T[::-1])
-        beams = 2.0 * world.radii_m[rows] / distances_m[rows] / geometry.angle_increment
+        spots = 2.0 * self.device.half_widths(distances_m[rows])
+        beams = (2.0 * world.radii_m[rows] / distances_m[rows] + spots) / geometry.angle_increment
         clear = (shares >= _LEAST_SHARE) & (shares * beams >= _LEAST_BEAMS)
         clear &= np.abs(bearings) < -geometry.angle_min
-        in_sight: IntArray = rows[clear & (world.things[rows] == Thing.STEM)]
+        in_sight: IntArray = rows[clear & (world.things[rows] == thing)]
         return in_sight
 
 
@@ -124,8 +126,31 @@ def _visible_shares(
     return np.asarray(widths / (2.0 * np.arcsin(radii_m / distances_m)))
 
 
+def laser_source(
+    name: str,
+    scans: ScansOnTheWay,
+    rng: np.random.Generator,
+    *,
+    wheels: OdometryNoise | None,
+    detectors: dict[str, dict[str, float]],
+    truth: Truth,
+) -> Source:
+    """What the vehicle of these scans records, with its IMU and perhaps its wheels."""
+    way = scans.way
+    recording = Recording(
+        name=name,
+        measurements=Recorded(motion_samples(way, wheels, rng), way.stamps_ns[scans.ticks], scans),
+        num_scans=len(scans.ticks),
+        odometry_noise=wheels,
+        detectors=detectors,
+        filters=scan_filters(scans.device, leans=bool(way.tilts.any())),
+        map_T_start=way.pose(0),
+    )
+    return Source(recording, truth)
+
+
 def standing_trees(world: World) -> TrueLandmarks:
-    """The stems and saplings of a world whose first rows they are."""
+    """The stems and saplings of a world in which they come first: row k is thing k."""
     rows = np.flatnonzero((world.things == Thing.STEM) | (world.things == Thing.SAPLING))
     return TrueLandmarks(
         world.world_t_things[rows],

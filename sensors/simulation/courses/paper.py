@@ -5,19 +5,18 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from semgraph.geometry import Pose2
-from sensors.measurements import OdometryNoise, Recording
+from sensors.measurements import OdometryNoise
 from sensors.simulation.courses.laser_scans import (
     BeamSpacing,
     ScansOnTheWay,
+    laser_source,
     mounted_laser,
-    scan_filters,
     standing_trees,
 )
-from sensors.simulation.courses.recorded import Recorded, motion_samples, true_path
+from sensors.simulation.courses.recorded import true_path
 from sensors.simulation.courses.track import Track, drive
 from sensors.simulation.lms151 import Resolution
-from sensors.simulation.world import StandSettings, kept_free, stand_of_trees
+from sensors.simulation.world import StandSettings, Thing, kept_free, stand_of_trees
 from sensors.truth import Source, Truth
 
 _SEEN_FROM_M: Final = 15.0
@@ -60,17 +59,14 @@ def read(name: str, options: PaperOptions) -> Source:
         stems_per_ha=options.stems_per_ha, radius_m=options.track_radius_m + _MARGIN_M
     )
     world = kept_free(stand_of_trees(rng, stand), way.poses[:, :2], _KEPT_FREE_M)
-    noise = OdometryNoise() if options.odometry else None
     ticks = np.arange(0, len(way.stamps_ns), options.scan_every)
     scans = ScansOnTheWay(device, way, ticks, lambda _: world, options.seed)
-    recording = Recording(
-        name=name,
-        measurements=Recorded(motion_samples(way, noise, rng), way.stamps_ns[ticks], scans),
-        num_scans=len(ticks),
-        odometry_noise=noise,
+    in_sight = scans.in_sight(Thing.STEM, _SEEN_FROM_M)
+    return laser_source(
+        name,
+        scans,
+        rng,
+        wheels=OdometryNoise() if options.odometry else None,
         detectors={"trees-2d": {}},
-        filters=scan_filters(device, leans=False),
-        map_T_start=Pose2.from_array(way.poses[0]),
+        truth=Truth(true_path(way), standing_trees(world), in_sight),
     )
-    truth = Truth(true_path(way), standing_trees(world), scans.in_sight(_SEEN_FROM_M))
-    return Source(recording, truth)
