@@ -9,8 +9,11 @@ from semgraph.arrays import BoolArray, FloatArray
 # Logistic regression on simulated stands (forest, parkland, and much clutter; both resolutions),
 # then made a frequency by a monotone fit. Stems and saplings count as trunks.
 _WEIGHTS = np.array([-12.806, -2.595, -0.517, 0.936, 35.308, -6.525, 2.795, 1.847])
-_SCORES = (-2.75, -1.39, -0.41, 0.41, 1.39, 2.2, 3.18, 5.29)
-_FREQUENCIES = (0.224, 0.257, 0.322, 0.613, 0.751, 0.893, 0.97, 0.998)
+_SCORES = (-1.84, -0.9, 0.02, 0.63, 1.16, 1.56, 1.9, 2.29, 2.66, 3.11, 3.7, 4.59, 7.41)
+_FREQUENCIES = (
+    *(0.217, 0.318, 0.445, 0.651, 0.72, 0.785, 0.852),
+    *(0.882, 0.93, 0.959, 0.979, 0.992, 0.999),
+)
 
 
 def trunk_reliabilities(

@@ -12,7 +12,8 @@ _AddParser = Callable[..., argparse.ArgumentParser]
 _MAX_SEEDS = 10_000
 _SOURCES = """\
 sources:
-  course:paper            the paper's simulated round course (--set seed=1, odometry=true, ...)
+  course:paper            the paper's round course from laser scans (--set seed=1, odometry=true)
+  course:perceptions      the same with perceptions ready made (--set clutter=1)
   victoria-park-graph     the graph that the gtsam wheel carries (--set identities=true)
   FOLDER                  a recording, recognised by what lies in it: a plain recording folder,
                           car park, Victoria Park, MRCLAM (--set robot=1), Wild-Places

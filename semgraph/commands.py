@@ -20,7 +20,7 @@ from semgraph.settings import Settings, load_settings
 from sensors.catalog import open_source, source_options
 from sensors.plain_perceptions import PERCEPTIONS_FILE
 
-DEMO_SOURCE: Final = "course:paper"
+DEMO_SOURCE: Final = "course:perceptions"
 RESULTS: Final = Path("results")
 RUN_RRD: Final = "run.rrd"
 DETECTIONS_PNG: Final = "detections.png"

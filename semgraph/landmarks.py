@@ -128,6 +128,14 @@ class Landmark:
             raise InputError(f"reliability: expected 0 to 1, got {self.reliability}")
 
 
+@dataclass(frozen=True, slots=True)
+class Gone:
+    """A landmark that was there once, and in how many looks at its place it then was not."""
+
+    landmark: Landmark
+    num_misses: int
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Perception:
     """A semantic object as perceived now: range and bearing to its centre, from base.

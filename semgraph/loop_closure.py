@@ -8,6 +8,7 @@ import numpy as np
 
 from semgraph.arrays import BoolArray, FloatArray
 from semgraph.association import associate
+from semgraph.existence import Evidence, Existence
 from semgraph.factor_graph import FactorGraph
 from semgraph.landmarks import Kind, Perceptions, SemanticObject, semantic_object
 from semgraph.measurement_model import CHI2_2DOF_999, diameters_contradict
@@ -31,11 +32,13 @@ class GraphLandmark:
     kind: Kind
     identity: str
     scans: set[int] = field(default_factory=set)
+    num_tracks: int = 1
     num_views: int = 0
     diameter_m: float = np.nan
     diameter_weight: float = 0.0
     num_diameters: int = 0
-    unreliability: float = 1.0
+    evidence: Evidence = field(default_factory=Evidence)
+    existence: Existence = field(default_factory=Existence)
 
     @property
     def num_sightings(self) -> int:
@@ -45,7 +48,7 @@ class GraphLandmark:
     def sight(self, scan: int, perceptions: Perceptions, row: int) -> None:
         """Counts a sighting and averages its attributes in."""
         self.scans.add(scan)
-        self.unreliability *= 1.0 - float(perceptions.reliabilities[row])
+        self.evidence.look(float(perceptions.reliabilities[row]))
         diameter_m = float(perceptions.diameters_m[row])
         if np.isfinite(diameter_m):
             weight = float(perceptions.diameter_sigmas_m[row]) ** -2
@@ -55,14 +58,18 @@ class GraphLandmark:
     def absorb(self, other: "GraphLandmark") -> None:
         """Takes over all that was known of another landmark which is the same object."""
         self.scans |= other.scans
+        self.num_tracks += other.num_tracks
         self.num_views += other.num_views
-        self.unreliability *= other.unreliability
+        self.evidence.absorb(other.evidence)
+        self.existence.absorb(other.existence)
         if other.num_diameters > 0:
             self._average(other.diameter_m, other.diameter_weight, other.num_diameters)
 
     def may_be(self, other: "GraphLandmark") -> bool:
         """Whether nothing but the position could speak against both being one object."""
         if self.kind is not other.kind or self.identity != other.identity:
+            return False
+        if self.existence.is_gone or other.existence.is_gone:
             return False
         if not self.scans.isdisjoint(other.scans):
             return False
@@ -124,7 +131,11 @@ def find_closures(
         return []
     estimate = graph.estimate().map_t_landmarks
     old = _candidates(graph, recent, estimate)
-    allowed = np.array([[landmarks[a].may_be(landmarks[b]) for b in old] for a in recent])
+    places = [np.array([estimate[each] for each in side]).reshape(-1, 2) for side in (recent, old)]
+    near = np.linalg.norm(places[0][:, None] - places[1][None], axis=2) <= _reach(graph)
+    allowed = np.zeros_like(near)
+    for row, column in np.argwhere(near):
+        allowed[row, column] = landmarks[recent[row]].may_be(landmarks[old[column]])
     if not allowed.any():
         return []
     rows, columns = np.flatnonzero(allowed.any(axis=1)), np.flatnonzero(allowed.any(axis=0))
@@ -182,13 +193,14 @@ def _candidates(
     positions = np.array([estimate[landmark] for landmark in others])
     seen = np.array([estimate[landmark] for landmark in recent])
     distances = np.linalg.norm(positions[:, None] - seen[None], axis=2).min(axis=1)
-    reach_m = _reach(graph.pose_covariance(graph.num_poses - 1))
+    reach_m = _reach(graph)
     order = np.argsort(distances, kind="stable")[:_MAX_OLD]
     return [others[k] for k in order if distances[k] <= reach_m]
 
 
-def _reach(covariance: FloatArray) -> float:
-    """How far what is seen from a pose of this covariance may be from its other self, at 99.9 %."""
+def _reach(graph: FactorGraph) -> float:
+    """How far what is seen from the last pose may be from its other self, at 99.9 %."""
+    covariance = graph.pose_covariance(graph.num_poses - 1)
     largest = float(np.linalg.eigvalsh(covariance[:2, :2])[-1])
     return float(np.clip((2.0 * CHI2_2DOF_999 * largest) ** 0.5, _LEAST_REACH_M, _MAX_REACH_M))
 

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,17 +11,18 @@ from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
 from semgraph.fast_estimator import FastEstimator
 from semgraph.geometry import Pose2, UncertainPose2
-from semgraph.landmarks import Perceptions
+from semgraph.landmarks import Perceptions, concatenate
 from semgraph.motion_model import OdometryAccumulator
 from semgraph.perceiving import Perceiver
 from semgraph.progress import Report
 from semgraph.results import RunResult
 from semgraph.settings import Settings
 from semgraph.smoother import Smoother
-from sensors.measurements import ImuSample, Raw, Recording, WheelOdometry
+from sensors.measurements import ImuSample, LaserScan, Raw, Recording, WheelOdometry
+from sensors.views import View
 
-# One moment: what was perceived, and the wheels' motion since the moment before.
-Moment = tuple[Perceptions, UncertainPose2 | None]
+# One moment: what was perceived, the wheels' motion since the moment before, how far lasers saw.
+Moment = tuple[Perceptions, UncertainPose2 | None, tuple[View, ...]]
 
 
 def run(
@@ -50,14 +52,14 @@ def run(
     stamps_ns: list[int] = []
     poses: list[np.ndarray] = []
     fast_seconds: list[float] = []
-    for perceptions, odometry in moments(recording, perceiver):
+    for perceptions, odometry, views in moments(recording, perceiver):
         before = time.perf_counter()
         step = fast.step(perceptions, odometry)
         fast_seconds.append(time.perf_counter() - before)
         if poses:
             moved = Pose2(*poses[-1]).between(step.map_T_base.pose)
             perceiver.moved(moved, (perceptions.stamp_ns - stamps_ns[-1]) * 1e-9)
-        smoother.add(tracker.step(perceptions, odometry), perceptions)
+        smoother.add(tracker.step(perceptions, odometry), perceptions, views)
         stamps_ns.append(perceptions.stamp_ns)
         poses.append(step.map_T_base.pose.as_array())
         report.done(len(stamps_ns))
@@ -76,6 +78,7 @@ def run(
         events=(*smoother.events, *perceiver.events),
         settings=effective_settings,
         fast_landmarks=tuple(fast.navigation_map),
+        gone=smoother.gone(),
     )
 
 
@@ -87,13 +90,34 @@ def moments(recording: Recording, perceiver: Perceiver) -> Iterator[Moment]:
     """
     noise = recording.odometry_noise
     wheels = OdometryAccumulator(noise) if noise is not None else None
+    now = _Now()
     for measurement in recording.measurements:
+        if now.parts and measurement.stamp_ns != now.parts[0].stamp_ns:
+            yield now.take(wheels)
         if isinstance(measurement, WheelOdometry) and wheels is not None:
             wheels.add(measurement)
         elif isinstance(measurement, ImuSample):
             perceiver.lean(measurement)
-        elif isinstance(measurement, Perceptions | Raw):
-            seen = measurement
-            if not isinstance(seen, Perceptions):
-                seen = perceiver.perceive(seen)
-            yield seen, wheels.take() if wheels is not None else None
+        elif isinstance(measurement, Perceptions):
+            now.parts.append(measurement)
+        elif isinstance(measurement, Raw):
+            now.parts.append(perceiver.perceive(measurement))
+            if isinstance(measurement, LaserScan):
+                now.views.append(View.of_scan(measurement))
+    if now.parts:
+        yield now.take(wheels)
+
+
+@dataclass(slots=True)
+class _Now:
+    """What the sensors showed at one time."""
+
+    parts: list[Perceptions] = field(default_factory=list)
+    views: list[View] = field(default_factory=list)
+
+    def take(self, wheels: OdometryAccumulator | None) -> Moment:
+        """All of it, and the motion up to now."""
+        parts, views = self.parts, tuple(self.views)
+        self.parts, self.views = [], []
+        perceptions = parts[0] if len(parts) == 1 else concatenate(parts[0].stamp_ns, parts)
+        return perceptions, wheels.take() if wheels is not None else None, views

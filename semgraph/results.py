@@ -16,7 +16,7 @@ from semgraph.arrays import FloatArray, frozen_floats
 from semgraph.errors import InputError, SettingsError
 from semgraph.estimates import Trajectory
 from semgraph.json_files import STRICT, read_json
-from semgraph.landmarks import Landmark
+from semgraph.landmarks import Gone, Landmark
 from semgraph.map_files import read_map_json, write_map_csv, write_map_json
 from semgraph.staging import staged_folder
 from semgraph.tables import read_text, write_text
@@ -53,6 +53,7 @@ class RunResult:
         events: decisions worth telling (loop closures, rebuilds), each made one line.
         settings: the effective ones, nested, as TOML can hold them.
         fast_landmarks: the fast estimator's own map.
+        gone: what was in the map and is no longer there.
 
     Raises:
         InputError: shapes disagree, or a value is out of its domain.
@@ -69,6 +70,7 @@ class RunResult:
     events: tuple[str, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     fast_landmarks: tuple[Landmark, ...] = ()
+    gone: tuple[Gone, ...] = ()
 
     def __post_init__(self) -> None:
         covariances = _frozen_covariances(self.smoothed_covariances, len(self.smoothed))

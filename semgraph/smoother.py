@@ -2,11 +2,12 @@
 
 A fast estimator with a short memory follows each object while it is in sight; such a stretch is a
 *track*, and each track starts as a landmark of its own. Whether it is an older landmark seen again
-is decided by the graph's own uncertainty, and then both become one.
+is decided by the graph's own uncertainty, and then both become one. What moves is taken out again;
+what is not seen often enough stays tentative, out of the map; what is no longer seen where it
+should be is gone.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -14,11 +15,14 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from semgraph.arrays import FloatArray
 from semgraph.estimates import Trajectory
+from semgraph.existence import Tally
 from semgraph.factor_graph import FactorGraph, Sighting
 from semgraph.fast_estimator import FastStep
-from semgraph.geometry import Pose2, UncertainPose2
-from semgraph.landmarks import Kind, Landmark, Perceptions
+from semgraph.geometry import Pose2, UncertainPose2, rotation
+from semgraph.landmarks import Gone, Kind, Landmark, Perceptions
 from semgraph.loop_closure import Closure, GraphLandmark, duplicates, find_closures
+from semgraph.tracks import Track
+from sensors.views import View
 
 
 class SmootherSettings(BaseModel):
@@ -29,6 +33,7 @@ class SmootherSettings(BaseModel):
     start_sigma_m: float = Field(1e-3, gt=0.0)
     start_sigma_rad: float = Field(1e-4, gt=0.0)
     min_sightings: int = Field(3, ge=1)
+    least_seconds: float = Field(0.3, ge=0.0)
     update_every_scans: int = Field(5, ge=1)
     closure_odds: float = Field(100.0, gt=1.0)
     duplicate_odds: float = Field(10.0, gt=1.0)
@@ -37,21 +42,13 @@ class SmootherSettings(BaseModel):
 
 # Fewer scans without a sighting are an interruption, not a loop.
 _LOOP_SCANS: Final = 100
-
-
-@dataclass(slots=True)
-class _Track:
-    """One object while it stays in sight."""
-
-    landmark: int
-    known: GraphLandmark
-    last_scan: int
-    tested: int = 0
-
-    @property
-    def is_due(self) -> bool:
-        """Whether there is so much new evidence that looking for older selves may pay."""
-        return self.known.num_sightings > 1.3 * self.tested
+# Landmarks seen within so many scans of each other lie well to each other.
+_SEEN_TOGETHER_SCANS: Final = 20
+_AT_ONCE: Final = 40
+# Among fewer things nobody can tell whether the robot or the thing moves.
+_LEAST_TO_JUDGE: Final = 3
+# A thing whose diameter nobody knows: rather too small, then fewer looks count against it.
+_SOME_DIAMETER_M: Final = 0.1
 
 
 class Smoother:
@@ -62,7 +59,10 @@ class Smoother:
         self._settings = settings
         self._graph = FactorGraph(UncertainPose2(map_T_start, np.diag(sigmas) ** 2))
         self._landmarks: dict[int, GraphLandmark] = {}
-        self._tracks: dict[int, _Track] = {}
+        self._tracks: dict[int, Track] = {}
+        self._moving: list[Track] = []
+        self._looks = {kind: Tally() for kind in Kind}
+        self._reliabilities = dict.fromkeys(Kind, (0, 0.0))
         self._by_identity: dict[tuple[Kind, str], int] = {}
         self._stamps_ns: list[int] = []
         self._next_landmark = 0
@@ -75,14 +75,32 @@ class Smoother:
         """What was decided, one line each, in order."""
         return (*self._events, *self._graph.incidents)
 
-    def add(self, step: FastStep, perceptions: Perceptions) -> None:
-        """Takes in one scan of the fast estimator."""
+    def add(self, step: FastStep, perceptions: Perceptions, views: Sequence[View]) -> None:
+        """Takes in one scan of the fast estimator.
+
+        Args:
+            step: of the fast estimator.
+            perceptions: that the step was made with.
+            views: how far lasers saw; without, nothing is ever missed.
+        """
         self._move(step)
         scan = len(self._stamps_ns) - 1
-        for row in np.flatnonzero(step.landmark_ids >= 0).tolist():
-            self._sight(scan, int(step.landmark_ids[row]), perceptions, row)
+        odom_T_base = step.map_T_base.pose
+        rows = np.flatnonzero(step.landmark_ids >= 0).tolist()
+        tracks = [self._track(int(step.landmark_ids[row]), perceptions, row) for row in rows]
+        self._look_for_movers(tracks, rows, step, perceptions)
+        for track, row in zip(tracks, rows, strict=True):
+            if track.is_moving:
+                self._moving.append(track)
+            else:
+                kind = track.known.kind
+                reliability = float(perceptions.reliabilities[row])
+                track.known.existence.hit(odom_T_base, reliability, self._looks[kind])
+                self._sight(track, scan, perceptions, row)
         if len(self._stamps_ns) % self._settings.update_every_scans == 0:
             self._update()
+            if views:
+                self._miss(scan, odom_T_base, views)
 
     def finish(self, note: Callable[[str], None]) -> None:
         """The batch optimum, with duplicates that only the whole run reveals made one.
@@ -113,25 +131,69 @@ class Smoother:
         ).reshape(-1, 3, 3)
 
     def landmarks(self) -> tuple[Landmark, ...]:
-        """The map: all landmarks of the graph with their marginal covariances."""
+        """The map: all confirmed landmarks of the graph with their marginal covariances."""
+        return self._as_landmarks(self._confirmed())
+
+    def gone(self) -> tuple[Gone, ...]:
+        """What was confirmed once and is no longer there."""
+        gone = [
+            landmark
+            for landmark, known in self._landmarks.items()
+            if known.existence.is_gone and self._is_established(known)
+        ]
+        return tuple(
+            Gone(landmark, self._landmarks[landmark.id].existence.num_misses)
+            for landmark in self._as_landmarks(gone)
+        )
+
+    def _as_landmarks(self, landmarks: list[int]) -> tuple[Landmark, ...]:
+        """Values; covariances are asked for by the dozen, which costs little more than one."""
+        covariances = np.zeros((len(landmarks), 2, 2))
+        for start in range(0, len(landmarks), _AT_ONCE):
+            some = landmarks[start : start + _AT_ONCE]
+            joint = self._graph.landmark_covariance(some).reshape(len(some), 2, len(some), 2)
+            each = np.arange(len(some))
+            covariances[start : start + len(some)] = joint[each, :, each, :]
         return tuple(
             Landmark(
                 landmark,
-                known.semantics(),
+                self._landmarks[landmark].semantics(),
                 self._graph.landmark(landmark),
-                self._graph.landmark_covariance([landmark]),
+                0.5 * (covariance + covariance.T),
                 len(self._graph.sightings(landmark)),
-                1.0 - known.unreliability,
+                self._reliability(self._landmarks[landmark]),
             )
-            for landmark, known in ((each, self._landmarks[each]) for each in self._confirmed())
+            for landmark, covariance in zip(landmarks, covariances, strict=True)
         )
 
     def _confirmed(self) -> list[int]:
-        """The landmarks sighted often enough to be believed."""
-        least = self._settings.min_sightings
+        """The landmarks of the map: neither tentative nor gone.
+
+        What is in sight of a standing robot needs not be seen from apart.
+        """
+        in_sight = {track.landmark for track in self._in_sight()}
         return [
-            landmark for landmark, known in self._landmarks.items() if known.num_sightings >= least
+            landmark
+            for landmark, known in self._landmarks.items()
+            if self._is_established(known)
+            and (
+                known.existence.is_there
+                or (landmark in in_sight and known.existence.log_odds > 0.0)
+            )
         ]
+
+    def _is_established(self, known: GraphLandmark) -> bool:
+        """Whether it was sighted often and long enough, and rather is what it seems than not."""
+        first_ns, last_ns = (self._stamps_ns[scan] for scan in (min(known.scans), max(known.scans)))
+        return (
+            known.num_sightings >= self._settings.min_sightings
+            and last_ns - first_ns >= self._settings.least_seconds * 1e9
+            and self._reliability(known) > 0.5
+        )
+
+    def _reliability(self, known: GraphLandmark) -> float:
+        count, total = self._reliabilities[known.kind]
+        return known.evidence.reliability(total / max(count, 1))
 
     def _move(self, step: FastStep) -> None:
         """A new pose, reached by the motion model alone; the fast estimate says where to start.
@@ -148,24 +210,43 @@ class Smoother:
         self._graph.add_pose(step.motion, self._guess)
         self._stamps_ns.append(step.stamp_ns)
 
-    def _sight(self, scan: int, tracker_id: int, perceptions: Perceptions, row: int) -> None:
-        track = self._track(scan, tracker_id, perceptions, row)
+    def _look_for_movers(
+        self, tracks: list[Track], rows: list[int], step: FastStep, perceptions: Perceptions
+    ) -> None:
+        """Notes what moves; where most seem to, it is the robot's pose that jumped."""
+        odom_T_base = step.map_T_base.pose
+        places = odom_T_base.transform(perceptions.base_t_landmarks())
+        odom_R_base = rotation(odom_T_base.theta)
+        covariances = odom_R_base @ perceptions.base_covariances() @ odom_R_base.T
+        away = [
+            track.look(step.stamp_ns, places[row], covariances[row])
+            for track, row in zip(tracks, rows, strict=True)
+        ]
+        if len(away) >= _LEAST_TO_JUDGE and 2 * sum(away) < len(away):
+            for track, is_away in zip(tracks, away, strict=True):
+                track.note(is_away=is_away)
+
+    def _sight(self, track: Track, scan: int, perceptions: Perceptions, row: int) -> None:
+        """One sighting more; an unreliable one weighs less."""
         if track.landmark not in self._landmarks:
             guess = self._guess.transform(perceptions.base_t_landmarks()[[row]])[0]
             self._graph.add_landmark(track.landmark, guess)
             self._landmarks[track.landmark] = track.known
         track.last_scan = scan
         track.known.sight(scan, perceptions, row)
+        count, total = self._reliabilities[track.known.kind]
+        reliability = float(perceptions.reliabilities[row])
+        self._reliabilities[track.known.kind] = (count + 1, total + reliability)
         sighting = Sighting(
             pose=scan + 1,
             landmark=track.landmark,
             range_m=float(perceptions.ranges_m[row]),
             bearing=float(perceptions.bearings[row]),
-            covariance=perceptions.covariances[row],
+            covariance=perceptions.covariances[row] / max(reliability, 0.05),
         )
         self._graph.add_sighting(sighting)
 
-    def _track(self, scan: int, tracker_id: int, perceptions: Perceptions, row: int) -> _Track:
+    def _track(self, tracker_id: int, perceptions: Perceptions, row: int) -> Track:
         """The track that goes on; or a new one, of a landmark that may be new as well."""
         track = self._tracks.get(tracker_id)
         if track is not None:
@@ -173,24 +254,76 @@ class Smoother:
         kind, identity = Kind(perceptions.kinds[row]), str(perceptions.identities[row])
         named = self._by_identity.get((kind, identity)) if identity else None
         if named is not None:
-            track = _Track(named, self._landmarks[named], scan)
+            track = Track(named, self._landmarks[named])
         else:
-            track = _Track(self._next_landmark, GraphLandmark(kind, identity), scan)
+            track = Track(self._next_landmark, GraphLandmark(kind, identity))
             self._next_landmark += 1
         if identity:
             self._by_identity[(kind, identity)] = track.landmark
         self._tracks[tracker_id] = track
         return track
 
+    def _in_sight(self) -> list[Track]:
+        """The tracks sighted lately, of what does not move."""
+        scan = len(self._stamps_ns) - 1
+        reach = self._settings.in_sight_scans
+        return [
+            track
+            for track in self._tracks.values()
+            if scan - track.last_scan <= reach and not track.is_moving
+        ]
+
+    def _drop_moving(self) -> None:
+        """Takes out what has turned out to move; what an older landmark was taken for stays."""
+        for track in self._moving:
+            known = self._landmarks.get(track.landmark)
+            if known is track.known and known.num_tracks == 1:
+                self._events.append(
+                    f"moving at scan {len(self._stamps_ns) - 1}: {known.kind.label} "
+                    f"{track.landmark}, first sighted at scan {min(known.scans)}"
+                )
+                self._graph.remove(track.landmark)
+                self._by_identity.pop((known.kind, known.identity), None)
+                del self._landmarks[track.landmark]
+        self._moving.clear()
+
+    def _miss(self, scan: int, odom_T_base: Pose2, views: Sequence[View]) -> None:
+        """Counts against all landmarks that the scan should show and did not.
+
+        Only where a landmark in sight was seen together with them before: then drift is no excuse.
+        """
+        around = [track.known for track in self._in_sight() if track.known.existence.is_there]
+        sighted = {id(known) for known in around}
+        known = self._landmarks
+        hidden = [
+            landmark
+            for landmark, each in known.items()
+            if id(each) not in sighted
+            and not each.existence.is_gone
+            and each.num_sightings >= self._settings.min_sightings
+        ]
+        if not hidden or not around:
+            return
+        places = np.array([self._graph.landmark(landmark) for landmark in hidden])
+        diameters_m = np.nan_to_num(
+            [known[landmark].diameter()[0] for landmark in hidden], nan=_SOME_DIAMETER_M
+        )
+        seen = np.any([view.sees(self._guess, places, diameters_m) for view in views], axis=0)
+        for k in np.flatnonzero(seen).tolist():
+            missed = known[hidden[k]]
+            if any(_lie_well(missed, other) for other in around):
+                missed.existence.miss(odom_T_base, self._looks[missed.kind])
+                if missed.existence.is_gone:
+                    self._events.append(
+                        f"gone at scan {scan}: {missed.kind.label} {hidden[k]}, last sighted at "
+                        f"scan {max(missed.scans)}, {missed.existence.num_misses} looks in vain"
+                    )
+
     def _update(self) -> None:
         """One iSAM2 update for the scans since the last, then a look for closed loops."""
         self._graph.update()
-        scan = len(self._stamps_ns) - 1
-        in_sight = [
-            track
-            for track in self._tracks.values()
-            if scan - track.last_scan <= self._settings.in_sight_scans
-        ]
+        self._drop_moving()
+        in_sight = self._in_sight()
         if any(track.is_due for track in in_sight):
             recent = sorted({track.landmark for track in in_sight})
             odds = float(np.log(self._settings.closure_odds))
@@ -222,3 +355,10 @@ class Smoother:
             f"{what} at scan {len(self._stamps_ns) - 1}: {old.kind.label} {closure.recent} is "
             f"{closure.old}, unseen for {unseen} scans, log odds {closure.log_odds:.1f}"
         )
+
+
+def _lie_well(missed: GraphLandmark, sighted: GraphLandmark) -> bool:
+    """Whether both were seen at about the same time."""
+    last = max(missed.scans)
+    reach = range(last - _SEEN_TOGETHER_SCANS, last + _SEEN_TOGETHER_SCANS + 1)
+    return not sighted.scans.isdisjoint(reach)

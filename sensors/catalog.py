@@ -53,6 +53,12 @@ class _Entry:
         return bool(importlib.import_module(self.module).recognises(folder))
 
 
+def _course(name: str, options: str) -> _Entry:
+    """A module of `sensors.simulation.courses`; its place is what the course is called."""
+    module = f"sensors.simulation.courses.{name.replace('-', '_')}"
+    return _Entry(module, options, lambda _: f"course:{name}", needs_place=False)
+
+
 _ENTRIES = {
     "car-park": _Entry("sensors.car_park", "CarParkOptions"),
     "victoria-park": _Entry("sensors.victoria_park", "VictoriaParkOptions"),
@@ -62,7 +68,12 @@ _ENTRIES = {
     "mrclam": _Entry("sensors.mrclam", "MrclamOptions"),
     "wild-places": _Entry("sensors.wild_places", "WildPlacesOptions"),
     "plain": _Entry("sensors.plain_folder", "PlainOptions"),
-    "course": _Entry("sensors.simulation.course", "CourseOptions", str),
+    "course:perceptions": _course("perceptions", "CourseOptions"),
+    "course:paper": _course("paper", "PaperOptions"),
+    "course:forest": _course("forest", "ForestOptions"),
+    "course:rocks": _course("rocks", "RocksOptions"),
+    "course:car-park": _course("car-park", "CarParkOptions"),
+    "course:markers": _course("markers", "MarkersOptions"),
 }
 _FOLDER_PLACES = (_folder, _gtsam_data)
 
@@ -106,8 +117,9 @@ def _resolve(source: str) -> tuple[_Entry, str]:
         return _recognised(source), source
     name, _, place = source.partition(":")
     if name not in _ENTRIES:
+        meant = source if name == "course" else name
         raise InputError(
-            f"{source!r}: expected a folder or a source, {known_names(name, _ENTRIES)}"
+            f"{source!r}: expected a folder or a source, {known_names(meant, _ENTRIES)}"
         )
     if not place:
         raise InputError(f"{name}: expected its place too, as in {name}:FOLDER")

@@ -71,12 +71,14 @@ class Truth:
     """What is known of a recording's truth; None where it is not known.
 
     `associations` maps the stamp of a set of perceptions to (n,) rows of `landmarks`, -1 for
-    clutter.
+    clutter; the stamp of a scan or image to the rows that are clearly in sight.
+    `landmarks` are those that stand at the end, `felled` those that stood before.
     """
 
     path: TruePath | None = None
     landmarks: TrueLandmarks | None = None
     associations: dict[int, IntArray] | None = None
+    felled: TrueLandmarks | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from semgraph.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
+from semgraph.arrays import BoolArray, FloatArray, IntArray, frozen_floats, frozen_ints
 from semgraph.errors import InputError
 
 BARK_REFLECTIVITY = (0.25, 0.6)
@@ -77,6 +77,10 @@ class World:
         )
         return cls(world_t_things, diameters_m / 2.0, np.full(n, thing), reflectivities)
 
+    def select(self, rows: IntArray | BoolArray) -> "World":
+        """The things of these rows."""
+        return World(*(getattr(self, f.name)[rows] for f in fields(self)))
+
     @classmethod
     def union(cls, parts: Sequence["World"]) -> Self:
         """All things of several worlds, in their order."""
@@ -138,6 +142,14 @@ def stand_of_trees(rng: np.random.Generator, settings: StandSettings = FOREST) -
             _twigs(rng, positions[clumps], settings),
         ]
     )
+
+
+def kept_free(world: World, world_t_places: FloatArray, distance_m: float) -> World:
+    """The things whose surface keeps its distance to all of the places (k, 2)."""
+    from scipy.spatial import KDTree
+
+    nearest_m, _ = KDTree(world_t_places).query(world.world_t_things)
+    return world.select(np.flatnonzero(nearest_m > distance_m + world.radii_m))
 
 
 def _spread_out(

@@ -69,7 +69,7 @@ def test_the_effective_settings_run_again(demo: tuple[Path, str], tmp_path: Path
     folder, _ = demo
     settings = folder / "results" / "latest" / "settings.toml"
     done = semgraph(
-        tmp_path, "run", "course:paper", "--settings", str(settings), "--output", "again"
+        tmp_path, "run", "course:perceptions", "--settings", str(settings), "--output", "again"
     )
     assert done.returncode == 0, done.stderr
     first = (folder / "results" / "latest" / "trajectory.tum").read_bytes()
@@ -101,7 +101,7 @@ def test_help_is_quick() -> None:
         (["run", "course:papr"], "course:paper"),
         (["run", "nowhere"], "nowhere"),
         (["run", "course:paper", "--set", "sed=1"], "seed"),
-        (["run", "course:paper", "--set", "num_trees=100000"], "num_trees"),
+        (["run", "course:perceptions", "--set", "num_trees=100000"], "num_trees"),
         (["run", "course:paper", "--settings", "none.toml"], "none.toml"),
         (["run", "course:paper", "--output", "taken"], "taken"),
         (["evaluate", "nowhere"], "nowhere"),

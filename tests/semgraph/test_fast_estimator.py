@@ -14,7 +14,7 @@ from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
 from semgraph.landmarks import Kind, Perceptions, polar_covariances
 from semgraph.measurement_model import predict
 from semgraph.motion_model import MotionNoise, constant_motion
-from sensors.simulation.course import CourseOptions, read
+from sensors.simulation.courses.perceptions import CourseOptions, read
 from sensors.truth import Source
 
 SCAN_NS = 100_000_000
@@ -80,7 +80,7 @@ def errors(steps: Sequence[FastStep], poses: Sequence[Pose2]) -> FloatArray:
 
 
 def course(seed: int) -> Source:
-    return read("paper", CourseOptions.model_validate({"seed": seed, "num_trees": 80}))
+    return read("course:perceptions", CourseOptions.model_validate({"seed": seed, "num_trees": 80}))
 
 
 def course_scans(source: Source) -> list[Perceptions]:

@@ -94,7 +94,8 @@ def test_reliability_grows_with_independent_sightings() -> None:
     known = GraphLandmark(Kind.TREE, "")
     for scan in range(3):
         known.sight(scan, seen([0.3], 0.02, reliability=0.5), 0)
-    assert known.unreliability == pytest.approx(0.125)
+    assert known.evidence.num_looks == 3
+    assert known.evidence.reliability(usual=0.9) < 0.5 < known.evidence.reliability(usual=0.4)
 
 
 def test_absorbing_is_having_seen_everything_oneself() -> None:
@@ -107,7 +108,7 @@ def test_absorbing_is_having_seen_everything_oneself() -> None:
     assert halves[0].scans == whole.scans
     assert halves[0].diameter_m == pytest.approx(whole.diameter_m)
     assert halves[0].diameter_weight == pytest.approx(whole.diameter_weight)
-    assert halves[0].unreliability == pytest.approx(whole.unreliability)
+    assert halves[0].evidence.reliability(0.7) == pytest.approx(whole.evidence.reliability(0.7))
     nothing = landmark(7)
     halves[0].absorb(nothing)
     assert halves[0].diameter_m == pytest.approx(whole.diameter_m)

@@ -17,7 +17,7 @@ from semgraph.progress import Silence
 from semgraph.results import RunResult
 from semgraph.settings import load_settings
 from sensors.measurements import Measurement, Recording
-from sensors.simulation.course import CourseOptions, read
+from sensors.simulation.courses.perceptions import CourseOptions, read
 from sensors.truth import Source
 
 # So small a reach that a tree is out of sight for most of the lap.
@@ -50,7 +50,9 @@ def ran(recording: Recording) -> RunResult:
 
 @cache
 def judged(seed: int, *, odometry: bool) -> Judged:
-    source = read("paper", SMALL.model_copy(update={"seed": seed, "odometry": odometry}))
+    source = read(
+        "course:perceptions", SMALL.model_copy(update={"seed": seed, "odometry": odometry})
+    )
     result, path = ran(source.recording), source.truth.path
     assert path is not None
     world_T_map = gauge(result.smoothed, path)
@@ -83,7 +85,7 @@ def delayed(recording: Recording, scan: int, seconds: float) -> Recording:
 
 
 def small(**options: float | bool) -> Source:
-    return read("paper", CourseOptions.model_validate(SMALL.model_dump() | options))
+    return read("course:perceptions", CourseOptions.model_validate(SMALL.model_dump() | options))
 
 
 @pytest.mark.parametrize("odometry", [False, True])

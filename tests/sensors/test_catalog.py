@@ -67,13 +67,15 @@ def test_associations_pair_with_perceptions(shared_data: Path, source: str) -> N
 
 @pytest.mark.parametrize("name", source_names())
 def test_every_name_tells_its_options(name: str, tmp_path: Path) -> None:
-    options = source_options(name if name == "victoria-park-graph" else f"{name}:{tmp_path}")
+    has_no_place = name == "victoria-park-graph" or name.startswith("course:")
+    options = source_options(name if has_no_place else f"{name}:{tmp_path}")
     assert options().model_dump() is not None
 
 
 @pytest.mark.parametrize(
     ("source", "expected"),
     [
+        ("course:papr", "did you mean 'course:paper'"),
         ("car-parc", "did you mean 'car-park'"),
         ("nowhere/at/all", "known: car-park"),
         ("", "nothing in this folder|expected a folder"),

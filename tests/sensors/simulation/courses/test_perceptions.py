@@ -9,7 +9,7 @@ from semgraph.errors import InputError
 from semgraph.geometry import Pose2, relative_poses, wrap_angle
 from semgraph.landmarks import Kind, Perceptions
 from sensors.measurements import WheelOdometry
-from sensors.simulation.course import CourseOptions, read
+from sensors.simulation.courses.perceptions import CourseOptions, read
 from sensors.truth import Source, TrueLandmarks, TruePath
 
 DEFAULT = CourseOptions.model_validate({"lap_s": 12.0, "overlap_s": 2.0})
@@ -77,8 +77,8 @@ def whitened_errors(source: Source) -> FloatArray:
 
 def test_the_same_seed_gives_the_same_course_and_another_another() -> None:
     options = DEFAULT.model_copy(update={"odometry": True, "clutter": 1.0})
-    one, same = read("paper", options), read("paper", options)
-    other = read("paper", options.model_copy(update={"seed": 1}))
+    one, same = read("course:perceptions", options), read("paper", options)
+    other = read("course:perceptions", options.model_copy(update={"seed": 1}))
     first, second = trees_of(one).world_t_landmarks, trees_of(same).world_t_landmarks
     np.testing.assert_array_equal(first, second)
     assert not np.array_equal(first, trees_of(other).world_t_landmarks)
@@ -96,7 +96,7 @@ def test_the_same_seed_gives_the_same_course_and_another_another() -> None:
 
 
 def test_the_track_is_a_circle_driven_counter_clockwise_with_an_overlap() -> None:
-    source = read("paper", DEFAULT)
+    source = read("course:perceptions", DEFAULT)
     path = path_of(source)
     assert path.headings is not None
     assert source.recording.num_scans == len(path.stamps_ns) == 141
@@ -114,7 +114,7 @@ def test_the_track_is_a_circle_driven_counter_clockwise_with_an_overlap() -> Non
 @pytest.mark.parametrize("seed", range(3))
 def test_trees_stand_in_the_band_apart_and_off_the_track(seed: int) -> None:
     options = DEFAULT.model_copy(update={"seed": seed, "num_trees": 150})
-    trees = trees_of(read("paper", options))
+    trees = trees_of(read("course:perceptions", options))
     radii = np.hypot(*trees.world_t_landmarks.T)
     assert len(radii) == 150
     assert ((radii >= 10.0) & (radii <= 30.0)).all()
@@ -126,7 +126,7 @@ def test_trees_stand_in_the_band_apart_and_off_the_track(seed: int) -> None:
 
 
 def test_each_perception_lies_at_its_tree_as_its_covariance_says() -> None:
-    errors = whitened_errors(read("paper", DEFAULT))
+    errors = whitened_errors(read("course:perceptions", DEFAULT))
     assert len(errors) > 2000
     assert np.abs(errors).max() < 6.0
     np.testing.assert_allclose(errors.mean(axis=0), 0.0, atol=5.0 / np.sqrt(len(errors)))
@@ -134,12 +134,12 @@ def test_each_perception_lies_at_its_tree_as_its_covariance_says() -> None:
 
 
 def test_no_tree_is_perceived_twice_in_a_scan() -> None:
-    for _, _, rows in scans_of(read("paper", DEFAULT)):
+    for _, _, rows in scans_of(read("course:perceptions", DEFAULT)):
         assert len(np.unique(rows)) == len(rows)
 
 
 def test_diameters_are_those_of_the_trees_as_their_sigmas_say() -> None:
-    source = read("paper", DEFAULT)
+    source = read("course:perceptions", DEFAULT)
     true_m = trees_of(source).diameters_m
     ratios = np.concatenate([scan.diameters_m / true_m[rows] for scan, _, rows in scans_of(source)])
     sigmas = np.concatenate(
@@ -151,7 +151,7 @@ def test_diameters_are_those_of_the_trees_as_their_sigmas_say() -> None:
 
 def test_what_is_perceived_is_what_no_nearer_trunk_hides() -> None:
     options = DEFAULT.model_copy(update={"missed": 0.0, "num_trees": 200})
-    source = read("paper", options)
+    source = read("course:perceptions", options)
     trees = trees_of(source)
     num_hidden = 0
     for _, world_T_base, rows in scans_of(source)[::10]:
@@ -168,7 +168,7 @@ def test_what_is_perceived_is_what_no_nearer_trunk_hides() -> None:
 @pytest.mark.parametrize("missed", [0.0, 0.1, 0.6])
 def test_the_share_of_missed_trees_is_the_one_asked_for(missed: float) -> None:
     options = SPARSE.model_copy(update={"missed": missed})
-    source = read("paper", options)
+    source = read("course:perceptions", options)
     trees = trees_of(source)
     num_visible = sum(len(visible(pose, trees, options)) for _, pose, _ in scans_of(source))
     num_seen = sum(len(rows) for _, _, rows in scans_of(source))
@@ -179,7 +179,7 @@ def test_the_share_of_missed_trees_is_the_one_asked_for(missed: float) -> None:
 @pytest.mark.parametrize("clutter", [0.0, 0.5, 4.0])
 def test_the_clutter_of_a_scan_is_the_one_asked_for(clutter: float) -> None:
     options = SPARSE.model_copy(update={"clutter": clutter})
-    scans = scans_of(read("paper", options))
+    scans = scans_of(read("course:perceptions", options))
     counts = np.array([(rows == -1).sum() for _, _, rows in scans])
     sigma = np.sqrt(clutter / len(scans))
     assert counts.mean() == pytest.approx(clutter, abs=5.0 * sigma)
@@ -194,7 +194,7 @@ def test_a_course_with_hardly_a_tree_is_a_course(num_trees: int, seed: int) -> N
     options = CourseOptions.model_validate(
         {"seed": seed, "num_trees": num_trees, "lap_s": 2.0, "overlap_s": 0.0}
     )
-    source = read("paper", options)
+    source = read("course:perceptions", options)
     assert len(trees_of(source).diameters_m) == num_trees
     assert source.recording.num_scans == 21
 
@@ -208,13 +208,8 @@ def test_a_course_with_hardly_a_tree_is_a_course(num_trees: int, seed: int) -> N
 )
 def test_too_many_trees_are_refused(options: CourseOptions) -> None:
     with pytest.raises(InputError, match="do not fit around the track; take fewer") as caught:
-        read("paper", options)
+        read("course:perceptions", options)
     assert "\n" not in str(caught.value)
-
-
-def test_an_unknown_course_is_refused() -> None:
-    with pytest.raises(InputError, match="expected paper, got 'forest'"):
-        read("forest", DEFAULT)
 
 
 @pytest.mark.parametrize(
@@ -237,14 +232,14 @@ def test_options_out_of_their_domain_are_refused(option: dict[str, float]) -> No
 
 
 def test_there_are_wheels_only_where_asked_for() -> None:
-    recording = read("paper", DEFAULT).recording
+    recording = read("course:perceptions", DEFAULT).recording
     assert recording.odometry_noise is None
     assert all(isinstance(part, Perceptions) for part in recording.measurements)
 
 
 def test_wheels_come_before_their_scan_and_err_as_the_vehicle_does() -> None:
     options = DEFAULT.model_copy(update={"odometry": True, "lap_s": 120.0, "num_trees": 5})
-    source = read("paper", options)
+    source = read("course:perceptions", options)
     noise = source.recording.odometry_noise
     assert noise is not None
     measurements = list(source.recording.measurements)

@@ -1,0 +1,56 @@
+"""One object while it stays in sight: a stretch of sightings, and whether it stays in its place."""
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from semgraph.arrays import FloatArray
+from semgraph.loop_closure import GraphLandmark
+from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
+
+# What the estimate of the pose may err while the object is in sight.
+_DRIFT_M: Final = 0.05
+_SPAN_NS: Final = 2_000_000_000
+_LOOKS: Final = 5
+_MOVED_LOOKS: Final = 3
+
+
+@dataclass(slots=True)
+class Track:
+    """What the fast estimator follows under one number, and which landmark it is."""
+
+    landmark: int
+    known: GraphLandmark
+    last_scan: int = -1
+    tested: int = 0
+    is_moving: bool = False
+    _places: deque[tuple[int, FloatArray, FloatArray]] = field(default_factory=deque)
+    _away: deque[bool] = field(default_factory=lambda: deque(maxlen=_LOOKS))
+
+    @property
+    def is_due(self) -> bool:
+        """Whether there is so much new evidence that looking for older selves may pay."""
+        return self.known.num_sightings > 1.3 * self.tested
+
+    def look(self, stamp_ns: int, odom_t_thing: FloatArray, covariance: FloatArray) -> bool:
+        """Whether it is perceived away from where it was up to 2 s before.
+
+        Args:
+            stamp_ns: of the perception.
+            odom_t_thing: (2,) m in the frame that drifts but does not jump.
+            covariance: (2, 2) m2 of it.
+        """
+        self._places.append((stamp_ns, odom_t_thing, covariance))
+        while stamp_ns - self._places[0][0] > _SPAN_NS:
+            self._places.popleft()
+        _, before, its_covariance = self._places[0]
+        outline2 = self.known.outline_sigma_m() ** 2
+        S = covariance + its_covariance + (_DRIFT_M**2 + 2.0 * outline2) * np.eye(2)
+        return bool(mahalanobis2(odom_t_thing - before, S) > CHI2_2DOF_999)
+
+    def note(self, *, is_away: bool) -> None:
+        """What is away in 3 of 5 looks moves."""
+        self._away.append(is_away)
+        self.is_moving = self.is_moving or sum(self._away) >= _MOVED_LOOKS
