@@ -140,9 +140,8 @@ def _effective(source: str, settings: Settings, perceiver: Perceiver) -> dict[st
 
 
 def _print_efforts(console: Console, efforts: Sequence[Effort], faults: Sequence[str]) -> None:
-    table = Table(
-        "detector", "measurements", "perceptions", "a measurement", "CPU median", "CPU p99"
-    )
+    table = Table("detector", "looked at", "perceptions", "mean", "CPU median", "CPU p99")
+    table.columns[0].no_wrap = True
     for each in efforts:
         table.add_row(
             each.detector,
