@@ -17,6 +17,7 @@ from semgraph.detecting import Effort, Efforts, write_detections
 from semgraph.perceiving import Perceiver
 from semgraph.progress import progress
 from semgraph.settings import Settings, load_settings
+from semgraph.trace import Trace
 from sensors.catalog import open_source, source_options
 from sensors.plain_perceptions import PERCEPTIONS_FILE
 
@@ -46,15 +47,15 @@ def run(
     with console.status(f"reading {source}"):
         opened = open_source(source, settings.source)
     folder = output or staging.new_results_folder(RESULTS, datetime.now().astimezone())
-    perceiver = Perceiver(opened.recording, settings, live)
+    perceiver, trace = Perceiver(opened.recording, settings, live), Trace()
     effective = _effective(source, settings, perceiver)
     with results.staged_results(folder) as staged:
         recording = opened.recording
         with progress(console, recording.name, recording.num_scans) as report:
-            result = pipeline.run(recording, settings, perceiver, report, effective)
+            result = pipeline.run(recording, settings, perceiver, report, effective, trace)
         results.write_files(result, staged)
         write_truth(staged, opened.truth)
-        viewer.write_recording(result, staged / RUN_RRD)
+        viewer.write_recording(result, staged / RUN_RRD, trace.instants)
         metrics = evaluate_folder(staged)
     unlinked = staging.point_latest(folder) if output is None else None
     _print_comparison(console, metrics)

@@ -18,11 +18,29 @@ from semgraph.progress import Report
 from semgraph.results import RunResult
 from semgraph.settings import Settings
 from semgraph.smoother import Smoother
+from semgraph.trace import Trace
+from semgraph.yaw_rates import YawRateLog
 from sensors.measurements import ImuSample, LaserScan, Raw, Recording, WheelOdometry
 from sensors.views import View
 
-# One moment: what was perceived, the wheels' motion since the moment before, how far lasers saw.
-Moment = tuple[Perceptions, UncertainPose2 | None, tuple[View, ...]]
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """What the estimators see at one time, relative to base.
+
+    Attributes:
+        perceptions: of all sensors.
+        odometry: the wheels' motion since the moment before; None without wheels.
+        views: how far lasers saw.
+        measurements: what was perceived in.
+        odom_T_base: by the wheels; None without.
+    """
+
+    perceptions: Perceptions
+    odometry: UncertainPose2 | None
+    views: tuple[View, ...]
+    measurements: tuple[Raw, ...]
+    odom_T_base: Pose2 | None
 
 
 def run(
@@ -31,6 +49,7 @@ def run(
     perceiver: Perceiver,
     report: Report,
     effective_settings: dict[str, Any],
+    trace: Trace | None = None,
 ) -> RunResult:
     """The trajectories and the map of a recording.
 
@@ -40,6 +59,7 @@ def run(
         perceiver: for recordings of scans, clouds and images.
         report: told the number of scans done, then what settles.
         effective_settings: kept beside the results.
+        trace: told what was shown, for those who look at it afterwards.
 
     Raises:
         InputError: measurements without a detector, or nothing to run on.
@@ -52,14 +72,20 @@ def run(
     stamps_ns: list[int] = []
     poses: list[np.ndarray] = []
     fast_seconds: list[float] = []
-    for perceptions, odometry, views in moments(recording, perceiver):
+    imu = YawRateLog()
+    for moment in moments(recording, perceiver, imu):
+        perceptions, odometry = moment.perceptions, moment.odometry
         before = time.perf_counter()
         step = fast.step(perceptions, odometry)
         fast_seconds.append(time.perf_counter() - before)
         if poses:
             moved = Pose2(*poses[-1]).between(step.map_T_base.pose)
             perceiver.moved(moved, (perceptions.stamp_ns - stamps_ns[-1]) * 1e-9)
-        smoother.add(tracker.step(perceptions, odometry), perceptions, views)
+        smoother.add(tracker.step(perceptions, odometry), perceptions, moment.views)
+        if trace is not None:
+            trace.add(
+                moment.measurements, perceptions, moment.odom_T_base, step, fast.navigation_map
+            )
         stamps_ns.append(perceptions.stamp_ns)
         poses.append(step.map_T_base.pose.as_array())
         report.done(len(stamps_ns))
@@ -75,15 +101,16 @@ def run(
         fast_seconds=np.array(fast_seconds),
         wall_seconds=time.perf_counter() - started,
         num_scans=len(stamps_ns),
-        events=(*smoother.events, *perceiver.events),
+        events=(*smoother.events, *perceiver.events, *(trace.events if trace else ())),
         settings=effective_settings,
         fast_landmarks=tuple(fast.navigation_map),
         gone=smoother.gone(),
+        imu=imu.yaw_rates(),
     )
 
 
-def moments(recording: Recording, perceiver: Perceiver) -> Iterator[Moment]:
-    """What the estimators see, moment by moment, relative to base.
+def moments(recording: Recording, perceiver: Perceiver, imu: YawRateLog) -> Iterator[Moment]:
+    """What the estimators see, moment by moment; `imu` gathers the yaw rates.
 
     Raises:
         InputError: a measurement, and no detector for it.
@@ -96,12 +123,15 @@ def moments(recording: Recording, perceiver: Perceiver) -> Iterator[Moment]:
             yield now.take(wheels)
         if isinstance(measurement, WheelOdometry) and wheels is not None:
             wheels.add(measurement)
+            now.odom_T_base = measurement.odom_T_base
         elif isinstance(measurement, ImuSample):
             perceiver.lean(measurement)
+            imu.add(measurement.stamp_ns, measurement.yaw_rate)
         elif isinstance(measurement, Perceptions):
             now.parts.append(measurement)
         elif isinstance(measurement, Raw):
             now.parts.append(perceiver.perceive(measurement))
+            now.measurements.append(measurement)
             if isinstance(measurement, LaserScan):
                 now.views.append(View.of_scan(measurement))
     if now.parts:
@@ -114,10 +144,13 @@ class _Now:
 
     parts: list[Perceptions] = field(default_factory=list)
     views: list[View] = field(default_factory=list)
+    measurements: list[Raw] = field(default_factory=list)
+    odom_T_base: Pose2 | None = None
 
     def take(self, wheels: OdometryAccumulator | None) -> Moment:
         """All of it, and the motion up to now."""
-        parts, views = self.parts, tuple(self.views)
-        self.parts, self.views = [], []
+        parts, views, measurements = self.parts, tuple(self.views), tuple(self.measurements)
+        self.parts, self.views, self.measurements = [], [], []
         perceptions = parts[0] if len(parts) == 1 else concatenate(parts[0].stamp_ns, parts)
-        return perceptions, wheels.take() if wheels is not None else None, views
+        odometry = wheels.take() if wheels is not None else None
+        return Moment(perceptions, odometry, views, measurements, self.odom_T_base)
