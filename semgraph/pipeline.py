@@ -9,10 +9,11 @@ import numpy as np
 
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
-from semgraph.fast_estimator import FastEstimator
+from semgraph.fast_estimator import FastEstimator, FastStep
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions, concatenate
 from semgraph.motion_model import OdometryAccumulator
+from semgraph.navigation_map import NavigationMap
 from semgraph.perceiving import Perceiver
 from semgraph.progress import Report
 from semgraph.results import RunResult
@@ -66,47 +67,76 @@ def run(
         GraphError: the graph cannot be solved, not even from its own log.
     """
     started = time.perf_counter()
-    fast = FastEstimator(settings.fast, recording.map_T_start)
+    fast = _Fast(FastEstimator(settings.fast, recording.map_T_start))
     tracker = FastEstimator(settings.tracker, recording.map_T_start)
     smoother = Smoother(settings.smoother, recording.map_T_start)
-    stamps_ns: list[int] = []
-    poses: list[np.ndarray] = []
-    fast_seconds: list[float] = []
     imu = YawRateLog()
     for moment in moments(recording, perceiver, imu):
-        perceptions, odometry = moment.perceptions, moment.odometry
-        before = time.perf_counter()
-        step = fast.step(perceptions, odometry)
-        fast_seconds.append(time.perf_counter() - before)
-        if poses:
-            moved = Pose2(*poses[-1]).between(step.map_T_base.pose)
-            perceiver.moved(moved, (perceptions.stamp_ns - stamps_ns[-1]) * 1e-9)
-        smoother.add(tracker.step(perceptions, odometry), perceptions, moment.views)
+        seen, odom_T_base = moment.perceptions, moment.odom_T_base
+        step = fast.step(moment)
+        perceiver.moved(*fast.last_motion)
+        smoother.add(tracker.step(seen, moment.odometry), seen, moment.views)
         if trace is not None:
-            trace.add(
-                moment.measurements, perceptions, moment.odom_T_base, step, fast.navigation_map
-            )
-        stamps_ns.append(perceptions.stamp_ns)
-        poses.append(step.map_T_base.pose.as_array())
-        report.done(len(stamps_ns))
-    if not stamps_ns:
+            trace.add(moment.measurements, seen, odom_T_base, step, fast.navigation_map)
+        report.done(len(fast))
+    if not len(fast):
         raise InputError(f"{recording.name}: expected scans or perceptions, there are none")
     smoother.finish(report.note)
     return RunResult(
         name=recording.name,
         smoothed=smoother.trajectory(),
         smoothed_covariances=smoother.covariances(),
-        fast=Trajectory(np.array(stamps_ns), np.array(poses)),
+        fast=fast.trajectory(),
         landmarks=smoother.landmarks(),
-        fast_seconds=np.array(fast_seconds),
+        fast_seconds=np.array(fast.seconds),
         wall_seconds=time.perf_counter() - started,
-        num_scans=len(stamps_ns),
+        num_scans=len(fast),
         events=(*smoother.events, *perceiver.events, *(trace.events if trace else ())),
         settings=effective_settings,
         fast_landmarks=tuple(fast.navigation_map),
         gone=smoother.gone(),
         imu=imu.yaw_rates(),
     )
+
+
+@dataclass(slots=True)
+class _Fast:
+    """The fast estimator, what it said so far, and how long each step took.
+
+    Attributes:
+        last_motion: between its last two poses, and the seconds between; 0 s at the start.
+    """
+
+    _estimator: FastEstimator
+    seconds: list[float] = field(default_factory=list)
+    last_motion: tuple[Pose2, float] = (Pose2(), 0.0)
+    _stamps_ns: list[int] = field(default_factory=list)
+    _poses: list[Pose2] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self._stamps_ns)
+
+    @property
+    def navigation_map(self) -> NavigationMap:
+        """Its own map."""
+        return self._estimator.navigation_map
+
+    def step(self, moment: Moment) -> FastStep:
+        """The next moment, timed."""
+        before = time.perf_counter()
+        step = self._estimator.step(moment.perceptions, moment.odometry)
+        self.seconds.append(time.perf_counter() - before)
+        if self._poses:
+            moved = self._poses[-1].between(step.map_T_base.pose)
+            self.last_motion = moved, (step.stamp_ns - self._stamps_ns[-1]) * 1e-9
+        self._stamps_ns.append(step.stamp_ns)
+        self._poses.append(step.map_T_base.pose)
+        return step
+
+    def trajectory(self) -> Trajectory:
+        """Of all steps."""
+        poses = [pose.as_array() for pose in self._poses]
+        return Trajectory(np.array(self._stamps_ns), np.array(poses))
 
 
 def moments(recording: Recording, perceiver: Perceiver, imu: YawRateLog) -> Iterator[Moment]:
