@@ -65,6 +65,38 @@ def draw_ellipses(axes: "Axes", points: FloatArray, covariances: FloatArray, col
     axes.add_collection(ellipses)
 
 
+def time_panels(labels: Sequence[str]) -> tuple["Figure", list["Axes"]]:
+    """A figure with axes one above the other, one a label, that share the time since the start."""
+    from matplotlib.figure import Figure
+
+    height = 2.2 * len(labels) + BOTTOM + TOP
+    figure = Figure(figsize=(11.0, height))
+    panels = list(figure.subplots(len(labels), 1, sharex=True))
+    figure.subplots_adjust(
+        left=LEFT / 11.0, right=0.985, bottom=BOTTOM / height, top=1.0 - TOP / height, hspace=0.1
+    )
+    figure.align_ylabels(panels)
+    for axes, label in zip(panels, labels, strict=True):
+        axes.set_ylabel(label, color=INK)
+        axes.axhline(0.0, color="#B0B0B0", linewidth=1.0, zorder=1)
+        plain(axes)
+    panels[-1].set_xlabel("time since the start [s]", color=INK)
+    return figure, panels
+
+
+def legend_right(figure: "Figure", axes: "Axes") -> None:
+    """Puts the legend of some axes at the top right of the figure."""
+    figure.legend(
+        *axes.get_legend_handles_labels(),
+        loc="upper right",
+        ncols=3,
+        frameon=False,
+        fontsize=9,
+        labelcolor=INK,
+        bbox_to_anchor=(0.995, 1.0 - 0.06 / figure.get_figheight()),
+    )
+
+
 def rmse_text(errors: PathErrors) -> str:
     """The RMSE in metres, jumping fixes left out."""
     return f"{rmse(errors.errors[~errors.is_outlier]):.3f} m"
