@@ -44,7 +44,6 @@ class SmootherSettings(BaseModel):
 _LOOP_SCANS: Final = 100
 # Landmarks seen within so many scans of each other lie well to each other.
 _SEEN_TOGETHER_SCANS: Final = 20
-_AT_ONCE: Final = 40
 # Among fewer things nobody can tell whether the robot or the thing moves.
 _LEAST_TO_JUDGE: Final = 3
 # A thing whose diameter nobody knows: rather too small, then fewer looks count against it.
@@ -126,9 +125,7 @@ class Smoother:
 
     def covariances(self) -> FloatArray:
         """(n, 3, 3) of the trajectory's poses, each in its own frame."""
-        return np.array(
-            [self._graph.pose_covariance(scan + 1) for scan in range(len(self._stamps_ns))]
-        ).reshape(-1, 3, 3)
+        return self._graph.pose_covariances(range(1, len(self._stamps_ns) + 1))
 
     def landmarks(self) -> tuple[Landmark, ...]:
         """The map: all confirmed landmarks of the graph with their marginal covariances."""
@@ -147,19 +144,14 @@ class Smoother:
         )
 
     def _as_landmarks(self, landmarks: list[int]) -> tuple[Landmark, ...]:
-        """Values; covariances are asked for by the dozen, which costs little more than one."""
-        covariances = np.zeros((len(landmarks), 2, 2))
-        for start in range(0, len(landmarks), _AT_ONCE):
-            some = landmarks[start : start + _AT_ONCE]
-            joint = self._graph.landmark_covariance(some).reshape(len(some), 2, len(some), 2)
-            each = np.arange(len(some))
-            covariances[start : start + len(some)] = joint[each, :, each, :]
+        """Values with their marginal covariances."""
+        covariances = self._graph.landmark_covariances(landmarks)
         return tuple(
             Landmark(
                 landmark,
                 self._landmarks[landmark].semantics(),
                 self._graph.landmark(landmark),
-                0.5 * (covariance + covariance.T),
+                covariance,
                 len(self._graph.sightings(landmark)),
                 self._reliability(self._landmarks[landmark]),
             )
