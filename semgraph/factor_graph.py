@@ -19,7 +19,6 @@ from semgraph.geometry import Pose2, UncertainPose2, frozen_covariance
 # A sighting within this chi-square is taken as it is, one beyond it ever less (DCS; Agarwal 2013).
 _ROBUST_CHI2: Final = 13.8155
 _LEAST_RANGE_M: Final = 1e-3
-_AT_ONCE: Final = 40
 
 
 @dataclass(slots=True, eq=False)
@@ -78,8 +77,7 @@ class FactorGraph:
         self._removed_slots: list[int] = []
         self._pose_guesses = [map_T_start.pose]
         self._landmark_guesses: dict[int, FloatArray] = {}
-        self._factorization = "CHOLESKY"
-        self._isam = _new_isam(self._factorization)
+        self._isam = _new_isam()
         self._estimate = gtsam.Values()
         self._incidents: list[str] = []
         self._new_factors.add(_prior_factor(map_T_start))
@@ -204,7 +202,8 @@ class FactorGraph:
                 sighting.slot = int(slots[position])
             self._estimate = self._isam.calculateEstimate()
         except (RuntimeError, ValueError, IndexError) as error:
-            self._fall_back(f"update failed: {_first_line(error)}")
+            self._incidents.append(f"update failed, graph rebuilt: {_first_line(error)}")
+            self._rebuild()
         self._empty_queue()
 
     def polish(self) -> None:
@@ -213,7 +212,10 @@ class FactorGraph:
         Takes in what waits for an update; after many merges at once that is quicker than `update`.
         """
         graph, _ = self._whole_graph()
-        self._estimate = _optimum(graph, self._guesses(), self._factorization)
+        params = gtsam.LevenbergMarquardtParams()
+        params.setLinearSolverType("MULTIFRONTAL_QR")
+        optimizer = gtsam.LevenbergMarquardtOptimizer(graph, self._guesses(), params)
+        self._estimate = optimizer.optimize()
         self._rebuild()
         self._empty_queue()
 
@@ -235,43 +237,12 @@ class FactorGraph:
 
     def landmark_covariance(self, landmarks: Sequence[int]) -> FloatArray:
         """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
-        return self._joint([L(landmark) for landmark in landmarks])
-
-    def landmark_covariances(self, landmarks: Sequence[int]) -> FloatArray:
-        """(n, 2, 2) marginal covariance of each landmark, in map."""
-        return self._marginals([L(landmark) for landmark in landmarks], 2)
+        keys = [L(landmark) for landmark in landmarks]
+        return np.asarray(self._isam.jointMarginalCovariance(keys).fullMatrix())
 
     def pose_covariance(self, index: int) -> FloatArray:
         """(3, 3) marginal covariance of a pose, (x, y, theta) in its own frame."""
-        return self._joint([X(index)])
-
-    def pose_covariances(self, indices: Sequence[int]) -> FloatArray:
-        """(n, 3, 3) marginal covariance of each pose, (x, y, theta) in its own frame."""
-        return self._marginals([X(index) for index in indices], 3)
-
-    def _marginals(self, keys: Sequence[int], size: int) -> FloatArray:
-        """(n, size, size): by the dozen, which costs iSAM2 little more than one."""
-        covariances = np.zeros((len(keys), size, size))
-        for start in range(0, len(keys), _AT_ONCE):
-            some = keys[start : start + _AT_ONCE]
-            n = len(some)
-            joint = self._joint(some).reshape(n, size, n, size)
-            each = np.arange(n)
-            covariances[start : start + n] = joint[each, :, each, :]
-        return 0.5 * (covariances + covariances.transpose(0, 2, 1))
-
-    def _joint(self, keys: Sequence[int]) -> FloatArray:
-        """The covariance of variables together."""
-        try:
-            return self._covariance(keys)
-        except RuntimeError as error:
-            self._fall_back(f"covariance failed: {_first_line(error)}")
-            return self._covariance(keys)
-
-    def _covariance(self, keys: Sequence[int]) -> FloatArray:
-        if len(keys) == 1:
-            return np.asarray(self._isam.marginalCovariance(keys[0]))
-        return np.asarray(self._isam.jointMarginalCovariance(list(keys)).fullMatrix())
+        return np.asarray(self._isam.marginalCovariance(X(index)))
 
     def _check_known(self, landmark: int) -> None:
         if landmark not in self._sightings:
@@ -302,12 +273,6 @@ class FactorGraph:
             graph.add(_sighting_factor(sighting))
         return graph, sightings
 
-    def _fall_back(self, incident: str) -> None:
-        """Builds the graph anew, from now on by the slower factorization that takes any graph."""
-        self._incidents.append(f"{incident}; graph rebuilt")
-        self._factorization = "QR"
-        self._rebuild()
-
     def _rebuild(self) -> None:
         """A new iSAM2 over the whole log, at the last good estimate.
 
@@ -315,14 +280,11 @@ class FactorGraph:
             GraphError: the log itself cannot be solved.
         """
         graph, sightings = self._whole_graph()
-        isam = _new_isam(self._factorization)
+        isam = _new_isam()
         try:
             isam.update(graph, self._guesses())
             self._estimate = isam.calculateEstimate()
         except (RuntimeError, ValueError, IndexError) as error:
-            if self._factorization == "CHOLESKY":
-                self._fall_back(f"solution failed: {_first_line(error)}")
-                return
             raise GraphError(f"the graph cannot be solved: {_first_line(error)}") from error
         first = 1 + len(self._odometry)
         for position, sighting in enumerate(sightings):
@@ -341,30 +303,16 @@ class FactorGraph:
         return values
 
 
-def _new_isam(factorization: str) -> gtsam.ISAM2:
-    """iSAM2 by Cholesky, or QR: that is slower but takes graphs whose sigmas differ by decades."""
+def _new_isam() -> gtsam.ISAM2:
+    """iSAM2 by QR: its Cholesky refuses valid graphs whose sigmas differ by three decades."""
     params = gtsam.ISAM2Params()
-    params.setFactorization(factorization)
+    params.setFactorization("QR")
     params.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(0.01))
     params.setRelinearizeThreshold(0.05)
     params.relinearizeSkip = 1
     params.enablePartialRelinearizationCheck = True
     params.findUnusedFactorSlots = True
     return gtsam.ISAM2(params)
-
-
-def _optimum(
-    graph: gtsam.NonlinearFactorGraph, guesses: gtsam.Values, factorization: str
-) -> gtsam.Values:
-    """The batch optimum; by QR if it must be."""
-    params = gtsam.LevenbergMarquardtParams()
-    params.setLinearSolverType(f"MULTIFRONTAL_{factorization}")
-    try:
-        return gtsam.LevenbergMarquardtOptimizer(graph, guesses, params).optimize()
-    except RuntimeError:
-        if factorization == "QR":
-            raise
-        return _optimum(graph, guesses, "QR")
 
 
 def _check(sighting: Sighting) -> None:
