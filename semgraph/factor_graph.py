@@ -77,8 +77,7 @@ class FactorGraph:
         self._removed_slots: list[int] = []
         self._pose_guesses = [map_T_start.pose]
         self._landmark_guesses: dict[int, FloatArray] = {}
-        self._factorization = "CHOLESKY"
-        self._isam = _new_isam(self._factorization)
+        self._isam = _new_isam()
         self._estimate = gtsam.Values()
         self._incidents: list[str] = []
         self._new_factors.add(_prior_factor(map_T_start))
@@ -203,7 +202,8 @@ class FactorGraph:
                 sighting.slot = int(slots[position])
             self._estimate = self._isam.calculateEstimate()
         except (RuntimeError, ValueError, IndexError) as error:
-            self._fall_back(f"update failed: {_first_line(error)}")
+            self._incidents.append(f"update failed, graph rebuilt: {_first_line(error)}")
+            self._rebuild()
         self._empty_queue()
 
     def polish(self) -> None:
@@ -238,25 +238,11 @@ class FactorGraph:
     def landmark_covariance(self, landmarks: Sequence[int]) -> FloatArray:
         """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
         keys = [L(landmark) for landmark in landmarks]
-        try:
-            return self._covariance(keys)
-        except RuntimeError as error:
-            self._fall_back(f"covariance failed: {_first_line(error)}")
-            return self._covariance(keys)
+        return np.asarray(self._isam.jointMarginalCovariance(keys).fullMatrix())
 
     def pose_covariance(self, index: int) -> FloatArray:
         """(3, 3) marginal covariance of a pose, (x, y, theta) in its own frame."""
-        try:
-            return self._covariance([X(index)])
-        except RuntimeError as error:
-            self._fall_back(f"covariance failed: {_first_line(error)}")
-            return self._covariance([X(index)])
-
-    def _covariance(self, keys: list[int]) -> FloatArray:
-        """Of variables together; of one alone iSAM2 has it much sooner."""
-        if len(keys) == 1:
-            return np.asarray(self._isam.marginalCovariance(keys[0]))
-        return np.asarray(self._isam.jointMarginalCovariance(keys).fullMatrix())
+        return np.asarray(self._isam.marginalCovariance(X(index)))
 
     def _check_known(self, landmark: int) -> None:
         if landmark not in self._sightings:
@@ -287,12 +273,6 @@ class FactorGraph:
             graph.add(_sighting_factor(sighting))
         return graph, sightings
 
-    def _fall_back(self, incident: str) -> None:
-        """Builds the graph anew, from now on by the slower factorization that takes any graph."""
-        self._incidents.append(f"{incident}; graph rebuilt")
-        self._factorization = "QR"
-        self._rebuild()
-
     def _rebuild(self) -> None:
         """A new iSAM2 over the whole log, at the last good estimate.
 
@@ -300,14 +280,11 @@ class FactorGraph:
             GraphError: the log itself cannot be solved.
         """
         graph, sightings = self._whole_graph()
-        isam = _new_isam(self._factorization)
+        isam = _new_isam()
         try:
             isam.update(graph, self._guesses())
             self._estimate = isam.calculateEstimate()
         except (RuntimeError, ValueError, IndexError) as error:
-            if self._factorization == "CHOLESKY":
-                self._fall_back(f"solution failed: {_first_line(error)}")
-                return
             raise GraphError(f"the graph cannot be solved: {_first_line(error)}") from error
         first = 1 + len(self._odometry)
         for position, sighting in enumerate(sightings):
@@ -326,10 +303,10 @@ class FactorGraph:
         return values
 
 
-def _new_isam(factorization: str) -> gtsam.ISAM2:
-    """iSAM2 by Cholesky, or QR: that is slower but takes graphs whose sigmas differ by decades."""
+def _new_isam() -> gtsam.ISAM2:
+    """iSAM2 by QR: its Cholesky refuses valid graphs whose sigmas differ by three decades."""
     params = gtsam.ISAM2Params()
-    params.setFactorization(factorization)
+    params.setFactorization("QR")
     params.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(0.01))
     params.setRelinearizeThreshold(0.05)
     params.relinearizeSkip = 1

@@ -44,7 +44,6 @@ class SmootherSettings(BaseModel):
 _LOOP_SCANS: Final = 100
 # Landmarks seen within so many scans of each other lie well to each other.
 _SEEN_TOGETHER_SCANS: Final = 20
-_AT_ONCE: Final = 40
 # Among fewer things nobody can tell whether the robot or the thing moves.
 _LEAST_TO_JUDGE: Final = 3
 # A thing whose diameter nobody knows: rather too small, then fewer looks count against it.
@@ -132,38 +131,25 @@ class Smoother:
 
     def landmarks(self) -> tuple[Landmark, ...]:
         """The map: all confirmed landmarks of the graph with their marginal covariances."""
-        return self._as_landmarks(self._confirmed())
+        return tuple(self._landmark(landmark) for landmark in self._confirmed())
 
     def gone(self) -> tuple[Gone, ...]:
         """What was confirmed once and is no longer there."""
-        gone = [
-            landmark
+        return tuple(
+            Gone(self._landmark(landmark), known.existence.num_misses)
             for landmark, known in self._landmarks.items()
             if known.existence.is_gone and self._is_established(known)
-        ]
-        return tuple(
-            Gone(landmark, self._landmarks[landmark.id].existence.num_misses)
-            for landmark in self._as_landmarks(gone)
         )
 
-    def _as_landmarks(self, landmarks: list[int]) -> tuple[Landmark, ...]:
-        """Values; covariances are asked for by the dozen, which costs little more than one."""
-        covariances = np.zeros((len(landmarks), 2, 2))
-        for start in range(0, len(landmarks), _AT_ONCE):
-            some = landmarks[start : start + _AT_ONCE]
-            joint = self._graph.landmark_covariance(some).reshape(len(some), 2, len(some), 2)
-            each = np.arange(len(some))
-            covariances[start : start + len(some)] = joint[each, :, each, :]
-        return tuple(
-            Landmark(
-                landmark,
-                self._landmarks[landmark].semantics(),
-                self._graph.landmark(landmark),
-                0.5 * (covariance + covariance.T),
-                len(self._graph.sightings(landmark)),
-                self._reliability(self._landmarks[landmark]),
-            )
-            for landmark, covariance in zip(landmarks, covariances, strict=True)
+    def _landmark(self, landmark: int) -> Landmark:
+        known = self._landmarks[landmark]
+        return Landmark(
+            landmark,
+            known.semantics(),
+            self._graph.landmark(landmark),
+            self._graph.landmark_covariance([landmark]),
+            len(self._graph.sightings(landmark)),
+            self._reliability(known),
         )
 
     def _confirmed(self) -> list[int]:
