@@ -1,6 +1,7 @@
 """All detectors of a run side by side: replaceable between two measurements, none can stop it."""
 
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -19,6 +20,10 @@ Choices = Mapping[str, Mapping[str, object]]
 """Settings by the detector's name; what is left out has its default."""
 
 
+Observe = Callable[[str, Perceptions, float], None]
+"""Told after each answer: the detector's name, what it found, seconds of CPU."""
+
+
 def _as_found(perceptions: Perceptions) -> Perceptions:
     return perceptions
 
@@ -33,8 +38,11 @@ class DetectorBank:
         SettingsError: an unknown name or setting, or a value that a setting cannot take.
     """
 
-    def __init__(self, choices: Choices, stall_s: float = STALL_S) -> None:
+    def __init__(
+        self, choices: Choices, stall_s: float = STALL_S, observe: Observe | None = None
+    ) -> None:
         self._stall_s = stall_s
+        self._observe = observe
         self._faults: Counter[tuple[str, str]] = Counter()
         self._guards = _guards(choices)
         self._choices = _copied(choices)
@@ -80,8 +88,11 @@ class DetectorBank:
         for name, guard in self._guards.items():
             if not isinstance(measurement, guard.looks_at) or guard.is_stalled:
                 continue
+            started = time.process_time()
             outcome = guard.detect(measurement, self._stall_s)
             if isinstance(outcome, Perceptions):
+                if self._observe is not None:
+                    self._observe(name, outcome, time.process_time() - started)
                 parts.append(correct(outcome).seen_from(measurement.base_T_sensor))
             else:
                 self._faults[name, outcome.reason] += 1

@@ -46,7 +46,7 @@ _CLOUDS: Final = tuple(
 SECTIONS: Final[tuple[Section, ...]] = (
     Section("trees in laser scans", bench_trees_2d.FIGURES, 45.0),
     Section("trees in clouds", _CLOUDS, 45.0),
-    Section("rocks in depth images", bench_rocks.FIGURES, 160.0),
+    Section("rocks in depth images", bench_rocks.FIGURES, 180.0),
     Section("optical markers in images", (optical_markers,), 27.0),
     Section("reflectors in laser scans", (reflectors_simulated,), 1.0),
 )
@@ -61,7 +61,7 @@ def car_park(data: Path | None) -> Section:
         inside = data / CAR_PARK
         return reflectors_car_park(inside if inside.is_dir() else data)
 
-    return Section("reflectors in the real car park", (figures,), 12.0)
+    return Section("reflectors in the real car park", (figures,), 1.0)
 
 
 def bench(

@@ -9,6 +9,7 @@ import numpy as np
 from evaluation.alignment import Alignment
 from evaluation.consistency import gauge, landmark_nees, pose_nees
 from evaluation.landmarks import MapErrors, compare_map, suspected_duplicates
+from evaluation.rotation import turn_rates
 from evaluation.trajectory import PathErrors, compare_path, relative_errors, rmse
 from semgraph.estimates import Trajectory
 from semgraph.geometry import Pose2
@@ -58,6 +59,7 @@ def judge(result: RunResult, truth: Truth) -> tuple[Metric, ...]:
     metrics += _of_fast_map(result, truth)
     if truth.path is not None:
         metrics += _of_consistency(result, truth, truth.path, matched)
+    metrics += _of_rotation(result)
     metrics += _of_run(result)
     return tuple(metric for metric in metrics if np.isfinite(metric.value))
 
@@ -153,6 +155,13 @@ def _nees(name: str, squares: np.ndarray, dof: float) -> Iterator[Metric]:
     known = squares[~np.isnan(squares)]
     if len(known):
         yield Metric(f"{name}_mean", float(known.mean()), "", Direction.EXPECTED, dof)
+
+
+def _of_rotation(result: RunResult) -> Iterator[Metric]:
+    for prefix, estimate in (("", result.smoothed), ("fast_", result.fast)):
+        rates = turn_rates(estimate, result.imu)
+        if rates is not None:
+            yield Metric(f"{prefix}yaw_rate_rms_rad_s", rates.rms, "rad/s", Direction.LOWER)
 
 
 def _of_run(result: RunResult) -> Iterator[Metric]:

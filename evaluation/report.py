@@ -16,6 +16,7 @@ from semgraph.tables import write_text
 METRICS_JSON = "metrics.json"
 MAP_PNG = "map.png"
 ERRORS_PNG = "errors.png"
+ROTATION_PNG = "rotation.png"
 
 
 class _Entry(BaseModel):
@@ -40,13 +41,15 @@ def evaluate_folder(folder: Path) -> tuple[Metric, ...]:
         InputError: a file is missing, cut short or malformed.
         SemgraphError: the metrics or pictures cannot be written.
     """
-    from evaluation.figures import draw_errors, draw_map
+    from evaluation.figures import draw_errors, draw_map, draw_rotation
 
     result, truth = results.read(folder), read_truth(folder)
     metrics = judge(result, truth)
     write_metrics(folder, metrics)
     draw_map(result, truth, folder / MAP_PNG)
     draw_errors(result, truth, folder / ERRORS_PNG)
+    if len(result.imu):
+        draw_rotation(result, folder / ROTATION_PNG)
     return metrics
 
 
@@ -89,7 +92,7 @@ def table_rows(metrics: Sequence[Metric]) -> list[tuple[str, str, str, str]]:
 
 
 def _words(metric: Metric) -> str:
-    return metric.name.removesuffix(f"_{metric.unit}").replace("_", " ")
+    return metric.name.removesuffix(f"_{metric.unit.replace('/', '_')}").replace("_", " ")
 
 
 def _figures(metric: Metric) -> str:

@@ -1,12 +1,14 @@
 """The command line. Each command imports what it needs when it is called."""
 
 import argparse
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from semgraph.errors import SemgraphError
 
+_AddParser = Callable[..., argparse.ArgumentParser]
 _MAX_SEEDS = 10_000
 _SOURCES = """\
 sources:
@@ -41,6 +43,8 @@ def _call(parsed: argparse.Namespace) -> None:
             commands.demo(parsed.output)
         case "run":
             commands.run(parsed.source, parsed.output, parsed.settings, parsed.set, parsed.live)
+        case "detect":
+            commands.detect(parsed.source, parsed.output, parsed.settings, parsed.set)
         case "evaluate":
             commands.evaluate(parsed.folder)
         case "compare":
@@ -62,22 +66,7 @@ def _parser() -> argparse.ArgumentParser:
     demo = commands.add_parser("demo", help="run the paper's course, with nothing to prepare")
     _add_output(demo)
 
-    run = commands.add_parser(
-        "run",
-        help="run a recording or a course",
-        epilog=_SOURCES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    run.add_argument("source", metavar="SOURCE", help="a folder or a name, see below")
-    _add_output(run)
-    run.add_argument("--settings", type=Path, metavar="FILE", help="settings in TOML")
-    run.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="one setting, e.g. fast.search_radius_m=0.8; without a section: of the source",
-    )
+    run = _add_with_source(commands.add_parser, "run", "run a recording or a course")
     run.add_argument(
         "--live",
         type=Path,
@@ -85,6 +74,9 @@ def _parser() -> argparse.ArgumentParser:
         help="settings whose filters and detectors may be changed while the run goes on",
     )
 
+    _add_with_source(
+        commands.add_parser, "detect", "write and draw what the detectors find in raw measurements"
+    )
     for name, what in (
         ("evaluate", "print and write the metrics of a run again"),
         ("view", "open a run in Rerun"),
@@ -94,12 +86,33 @@ def _parser() -> argparse.ArgumentParser:
     compare = commands.add_parser("compare", help="how far two runs of one recording are apart")
     compare.add_argument("first", type=Path, metavar="DIR", help="the results of a run")
     compare.add_argument("second", type=Path, metavar="DIR", help="the results of another")
-    _add_bench(commands)
+    _add_bench(commands.add_parser)
     return parser
 
 
-def _add_bench(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    bench = commands.add_parser("bench", help="measure all figures of the detectors")
+def _add_with_source(add_parser: _AddParser, name: str, what: str) -> argparse.ArgumentParser:
+    """A command that reads a source and takes settings."""
+    command = add_parser(
+        name,
+        help=what,
+        epilog=_SOURCES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.add_argument("source", metavar="SOURCE", help="a folder or a name, see below")
+    _add_output(command)
+    command.add_argument("--settings", type=Path, metavar="FILE", help="settings in TOML")
+    command.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="one setting, e.g. fast.search_radius_m=0.8; without a section: of the source",
+    )
+    return command
+
+
+def _add_bench(add_parser: _AddParser) -> None:
+    bench = add_parser("bench", help="measure all figures of the detectors")
     benches = bench.add_subparsers(dest="bench", required=True, metavar="WHAT")
     detectors = benches.add_parser(
         "detectors", help="on simulated measurements: a table of figures and targets"
@@ -119,10 +132,10 @@ def _add_bench(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 
 def _seeds(text: str) -> range:
     """A-B, or A alone."""
-    first, _, last = text.partition("-")
-    if not (first.isdecimal() and (last or first).isdecimal()):
+    match = re.fullmatch(r"([0-9]{1,9})(?:-([0-9]{1,9}))?", text)
+    if match is None:
         raise argparse.ArgumentTypeError(f"expected seeds as in 101-124, got {text!r}")
-    seeds = range(int(first), int(last or first) + 1)
+    seeds = range(int(match[1]), int(match[2] or match[1]) + 1)
     if not 1 <= len(seeds) <= _MAX_SEEDS:
         raise argparse.ArgumentTypeError(f"expected 1 to {_MAX_SEEDS} seeds, got {text}")
     return seeds

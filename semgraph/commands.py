@@ -13,14 +13,19 @@ from evaluation.report import evaluate_folder, table_rows
 from evaluation.trajectory import trajectory_difference
 from evaluation.truth_files import write_truth
 from semgraph import pipeline, results, staging, viewer
+from semgraph.detecting import Effort, Efforts, write_detections
 from semgraph.perceiving import Perceiver
 from semgraph.progress import progress
 from semgraph.settings import Settings, load_settings
+from semgraph.trace import Trace
 from sensors.catalog import open_source, source_options
+from sensors.plain_perceptions import PERCEPTIONS_FILE
 
 DEMO_SOURCE: Final = "course:perceptions"
 RESULTS: Final = Path("results")
 RUN_RRD: Final = "run.rrd"
+DETECTIONS_PNG: Final = "detections.png"
+_NUM_SHOWN: Final = 6
 
 
 def run(
@@ -42,15 +47,15 @@ def run(
     with console.status(f"reading {source}"):
         opened = open_source(source, settings.source)
     folder = output or staging.new_results_folder(RESULTS, datetime.now().astimezone())
-    perceiver = Perceiver(opened.recording, settings, live)
+    perceiver, trace = Perceiver(opened.recording, settings, live), Trace()
     effective = _effective(source, settings, perceiver)
     with results.staged_results(folder) as staged:
         recording = opened.recording
         with progress(console, recording.name, recording.num_scans) as report:
-            result = pipeline.run(recording, settings, perceiver, report, effective)
+            result = pipeline.run(recording, settings, perceiver, report, effective, trace)
         results.write_files(result, staged)
         write_truth(staged, opened.truth)
-        viewer.write_recording(result, staged / RUN_RRD)
+        viewer.write_recording(result, staged / RUN_RRD, trace.instants)
         metrics = evaluate_folder(staged)
     unlinked = staging.point_latest(folder) if output is None else None
     _print_comparison(console, metrics)
@@ -88,6 +93,33 @@ def view(folder: Path) -> None:
     viewer.open_viewer(folder / RUN_RRD)
 
 
+def detect(
+    source: str, output: Path | None, settings_file: Path | None, assignments: Sequence[str]
+) -> None:
+    """Writes, draws and counts what the detectors find in a source of raw measurements.
+
+    Raises:
+        SemgraphError: anything that a user can put right.
+    """
+    from evaluation.figures import draw_detections
+
+    console = Console(soft_wrap=True)
+    settings = load_settings(settings_file, assignments)
+    with console.status(f"reading {source}"):
+        recording = open_source(source, settings.source).recording
+    folder = output or staging.new_results_folder(RESULTS, datetime.now().astimezone())
+    efforts = Efforts()
+    perceiver = Perceiver(recording, settings, observe=efforts)
+    with staging.staged_folder(folder, DETECTIONS_PNG) as staged:
+        with progress(console, recording.name, recording.num_scans) as report:
+            file = staged / PERCEPTIONS_FILE
+            seen = write_detections(recording, perceiver, file, report, _NUM_SHOWN)
+        draw_detections(recording.name, seen, staged / DETECTIONS_PNG)
+        results.write_settings(staged, _effective(source, settings, perceiver))
+    _print_efforts(console, efforts.table(), perceiver.bank.faults)
+    console.print(f"written: {folder}, look at {folder / DETECTIONS_PNG}")
+
+
 def bench_detectors(seeds: Sequence[int], output: Path | None, data: Path | None) -> None:
     """Measures the detectors' figures, prints and writes them beside their targets."""
     from evaluation.bench_detectors import SECTIONS, bench, car_park
@@ -106,6 +138,23 @@ def _effective(source: str, settings: Settings, perceiver: Perceiver) -> dict[st
     effective["filters"] = [each.model_dump(mode="json") for each in perceiver.filters]
     effective["detectors"] = perceiver.bank.effective()
     return effective
+
+
+def _print_efforts(console: Console, efforts: Sequence[Effort], faults: Sequence[str]) -> None:
+    table = Table("detector", "looked at", "perceptions", "mean", "CPU median", "CPU p99")
+    table.columns[0].no_wrap = True
+    for each in efforts:
+        table.add_row(
+            each.detector,
+            str(each.num_measurements),
+            str(each.num_perceptions),
+            f"{each.mean_perceptions:.2f}",
+            f"{each.median_ms:.2f} ms",
+            f"{each.p99_ms:.2f} ms",
+        )
+    console.print(table)
+    for fault in faults:
+        console.print(fault)
 
 
 _COMPARED: Final = (

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Final, final
 
-from detectors.bank import Choices, DetectorBank
+from detectors.bank import Choices, DetectorBank, Observe
 from semgraph.errors import InputError, SettingsError
 from semgraph.geometry import Pose2
 from semgraph.landmarks import Perceptions
@@ -44,9 +44,15 @@ class Perceiver:
         SettingsError: an unknown filter or detector, or a value that it cannot take.
     """
 
-    def __init__(self, recording: Recording, settings: Settings, live: Path | None = None) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        settings: Settings,
+        live: Path | None = None,
+        observe: Observe | None = None,
+    ) -> None:
         self._recording = recording
-        self._bank = DetectorBank(chosen_detectors(recording, settings))
+        self._bank = DetectorBank(chosen_detectors(recording, settings), observe=observe)
         self._set_filters(chosen_filters(recording, settings))
         self._live = _LiveFile(live) if live is not None else None
         self._twist: tuple[float, float, float] | None = None

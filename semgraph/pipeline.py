@@ -9,20 +9,39 @@ import numpy as np
 
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
-from semgraph.fast_estimator import FastEstimator
+from semgraph.fast_estimator import FastEstimator, FastStep
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions, concatenate
 from semgraph.motion_model import OdometryAccumulator
+from semgraph.navigation_map import NavigationMap
 from semgraph.perceiving import Perceiver
 from semgraph.progress import Report
 from semgraph.results import RunResult
 from semgraph.settings import Settings
 from semgraph.smoother import Smoother
+from semgraph.trace import Trace
+from semgraph.yaw_rates import YawRateLog
 from sensors.measurements import ImuSample, LaserScan, Raw, Recording, WheelOdometry
 from sensors.views import View
 
-# One moment: what was perceived, the wheels' motion since the moment before, how far lasers saw.
-Moment = tuple[Perceptions, UncertainPose2 | None, tuple[View, ...]]
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """What the estimators see at one time, relative to base.
+
+    Attributes:
+        perceptions: of all sensors.
+        odometry: the wheels' motion since the moment before; None without wheels.
+        views: how far lasers saw.
+        measurements: what was perceived in.
+        odom_T_base: by the wheels; None without.
+    """
+
+    perceptions: Perceptions
+    odometry: UncertainPose2 | None
+    views: tuple[View, ...]
+    measurements: tuple[Raw, ...]
+    odom_T_base: Pose2 | None
 
 
 def run(
@@ -31,6 +50,7 @@ def run(
     perceiver: Perceiver,
     report: Report,
     effective_settings: dict[str, Any],
+    trace: Trace | None = None,
 ) -> RunResult:
     """The trajectories and the map of a recording.
 
@@ -40,50 +60,87 @@ def run(
         perceiver: for recordings of scans, clouds and images.
         report: told the number of scans done, then what settles.
         effective_settings: kept beside the results.
+        trace: told what was shown, for those who look at it afterwards.
 
     Raises:
         InputError: measurements without a detector, or nothing to run on.
         GraphError: the graph cannot be solved, not even from its own log.
     """
     started = time.perf_counter()
-    fast = FastEstimator(settings.fast, recording.map_T_start)
+    fast = _Fast(FastEstimator(settings.fast, recording.map_T_start))
     tracker = FastEstimator(settings.tracker, recording.map_T_start)
     smoother = Smoother(settings.smoother, recording.map_T_start)
-    stamps_ns: list[int] = []
-    poses: list[np.ndarray] = []
-    fast_seconds: list[float] = []
-    for perceptions, odometry, views in moments(recording, perceiver):
-        before = time.perf_counter()
-        step = fast.step(perceptions, odometry)
-        fast_seconds.append(time.perf_counter() - before)
-        if poses:
-            moved = Pose2(*poses[-1]).between(step.map_T_base.pose)
-            perceiver.moved(moved, (perceptions.stamp_ns - stamps_ns[-1]) * 1e-9)
-        smoother.add(tracker.step(perceptions, odometry), perceptions, views)
-        stamps_ns.append(perceptions.stamp_ns)
-        poses.append(step.map_T_base.pose.as_array())
-        report.done(len(stamps_ns))
-    if not stamps_ns:
+    imu = YawRateLog()
+    for moment in moments(recording, perceiver, imu):
+        seen, odom_T_base = moment.perceptions, moment.odom_T_base
+        step = fast.step(moment)
+        perceiver.moved(*fast.last_motion)
+        smoother.add(tracker.step(seen, moment.odometry), seen, moment.views)
+        if trace is not None:
+            trace.add(moment.measurements, seen, odom_T_base, step, fast.navigation_map)
+        report.done(len(fast))
+    if not len(fast):
         raise InputError(f"{recording.name}: expected scans or perceptions, there are none")
     smoother.finish(report.note)
     return RunResult(
         name=recording.name,
         smoothed=smoother.trajectory(),
         smoothed_covariances=smoother.covariances(),
-        fast=Trajectory(np.array(stamps_ns), np.array(poses)),
+        fast=fast.trajectory(),
         landmarks=smoother.landmarks(),
-        fast_seconds=np.array(fast_seconds),
+        fast_seconds=np.array(fast.seconds),
         wall_seconds=time.perf_counter() - started,
-        num_scans=len(stamps_ns),
-        events=(*smoother.events, *perceiver.events),
+        num_scans=len(fast),
+        events=(*smoother.events, *perceiver.events, *(trace.events if trace else ())),
         settings=effective_settings,
         fast_landmarks=tuple(fast.navigation_map),
         gone=smoother.gone(),
+        imu=imu.yaw_rates(),
     )
 
 
-def moments(recording: Recording, perceiver: Perceiver) -> Iterator[Moment]:
-    """What the estimators see, moment by moment, relative to base.
+@dataclass(slots=True)
+class _Fast:
+    """The fast estimator, what it said so far, and how long each step took.
+
+    Attributes:
+        last_motion: between its last two poses, and the seconds between; 0 s at the start.
+    """
+
+    _estimator: FastEstimator
+    seconds: list[float] = field(default_factory=list)
+    last_motion: tuple[Pose2, float] = (Pose2(), 0.0)
+    _stamps_ns: list[int] = field(default_factory=list)
+    _poses: list[Pose2] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self._stamps_ns)
+
+    @property
+    def navigation_map(self) -> NavigationMap:
+        """Its own map."""
+        return self._estimator.navigation_map
+
+    def step(self, moment: Moment) -> FastStep:
+        """The next moment, timed."""
+        before = time.perf_counter()
+        step = self._estimator.step(moment.perceptions, moment.odometry)
+        self.seconds.append(time.perf_counter() - before)
+        if self._poses:
+            moved = self._poses[-1].between(step.map_T_base.pose)
+            self.last_motion = moved, (step.stamp_ns - self._stamps_ns[-1]) * 1e-9
+        self._stamps_ns.append(step.stamp_ns)
+        self._poses.append(step.map_T_base.pose)
+        return step
+
+    def trajectory(self) -> Trajectory:
+        """Of all steps."""
+        poses = [pose.as_array() for pose in self._poses]
+        return Trajectory(np.array(self._stamps_ns), np.array(poses))
+
+
+def moments(recording: Recording, perceiver: Perceiver, imu: YawRateLog) -> Iterator[Moment]:
+    """What the estimators see, moment by moment; `imu` gathers the yaw rates.
 
     Raises:
         InputError: a measurement, and no detector for it.
@@ -96,12 +153,15 @@ def moments(recording: Recording, perceiver: Perceiver) -> Iterator[Moment]:
             yield now.take(wheels)
         if isinstance(measurement, WheelOdometry) and wheels is not None:
             wheels.add(measurement)
+            now.odom_T_base = measurement.odom_T_base
         elif isinstance(measurement, ImuSample):
             perceiver.lean(measurement)
+            imu.add(measurement.stamp_ns, measurement.yaw_rate)
         elif isinstance(measurement, Perceptions):
             now.parts.append(measurement)
         elif isinstance(measurement, Raw):
             now.parts.append(perceiver.perceive(measurement))
+            now.measurements.append(measurement)
             if isinstance(measurement, LaserScan):
                 now.views.append(View.of_scan(measurement))
     if now.parts:
@@ -114,10 +174,13 @@ class _Now:
 
     parts: list[Perceptions] = field(default_factory=list)
     views: list[View] = field(default_factory=list)
+    measurements: list[Raw] = field(default_factory=list)
+    odom_T_base: Pose2 | None = None
 
     def take(self, wheels: OdometryAccumulator | None) -> Moment:
         """All of it, and the motion up to now."""
-        parts, views = self.parts, tuple(self.views)
-        self.parts, self.views = [], []
+        parts, views, measurements = self.parts, tuple(self.views), tuple(self.measurements)
+        self.parts, self.views, self.measurements = [], [], []
         perceptions = parts[0] if len(parts) == 1 else concatenate(parts[0].stamp_ns, parts)
-        return perceptions, wheels.take() if wheels is not None else None, views
+        odometry = wheels.take() if wheels is not None else None
+        return Moment(perceptions, odometry, views, measurements, self.odom_T_base)

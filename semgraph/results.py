@@ -21,6 +21,7 @@ from semgraph.map_files import read_map_json, write_map_csv, write_map_json
 from semgraph.staging import staged_folder
 from semgraph.tables import read_text, write_text
 from semgraph.trajectory_files import read_covariances, read_tum, write_covariances, write_tum
+from semgraph.yaw_rates import YawRates, read_yaw_rates, write_yaw_rates
 
 RUN_JSON = "run.json"
 TRAJECTORY_TUM = "trajectory.tum"
@@ -31,6 +32,7 @@ MAP_CSV = "map.csv"
 MAP_FAST_JSON = "map_fast.json"
 SETTINGS_TOML = "settings.toml"
 EVENTS_LOG = "events.log"
+IMU_CSV = "imu.csv"
 
 # How an event begins that tells of a loop closure; evaluation counts them.
 LOOP_CLOSED = "loop closed"
@@ -54,6 +56,7 @@ class RunResult:
         settings: the effective ones, nested, as TOML can hold them.
         fast_landmarks: the fast estimator's own map.
         gone: what was in the map and is no longer there.
+        imu: the yaw rates that an inertial sensor measured; none where there was none.
 
     Raises:
         InputError: shapes disagree, or a value is out of its domain.
@@ -71,6 +74,7 @@ class RunResult:
     settings: dict[str, Any] = field(default_factory=dict)
     fast_landmarks: tuple[Landmark, ...] = ()
     gone: tuple[Gone, ...] = ()
+    imu: YawRates = field(default_factory=YawRates)
 
     def __post_init__(self) -> None:
         covariances = _frozen_covariances(self.smoothed_covariances, len(self.smoothed))
@@ -92,6 +96,7 @@ class _Run(BaseModel):
     num_poses: int
     num_fast_poses: int
     num_landmarks: int
+    num_yaw_rates: int = 0
     wall_seconds: float
     fast_seconds: list[float]
 
@@ -125,14 +130,17 @@ def write_files(result: RunResult, folder: Path) -> None:
     write_map_json(folder / MAP_JSON, result.landmarks)
     write_map_csv(folder / MAP_CSV, result.landmarks)
     write_map_json(folder / MAP_FAST_JSON, result.fast_landmarks)
-    write_text(folder / SETTINGS_TOML, _settings_text(result.settings))
+    write_settings(folder, result.settings)
     write_text(folder / EVENTS_LOG, "".join(f"{event}\n" for event in result.events))
+    if len(result.imu):
+        write_yaw_rates(folder / IMU_CSV, result.imu)
     run = _Run(
         name=result.name,
         num_scans=int(result.num_scans),
         num_poses=len(result.smoothed),
         num_fast_poses=len(result.fast),
         num_landmarks=len(result.landmarks),
+        num_yaw_rates=len(result.imu),
         wall_seconds=float(result.wall_seconds),
         fast_seconds=result.fast_seconds.tolist(),
     )
@@ -151,10 +159,12 @@ def read(folder: Path) -> RunResult:
     smoothed = read_tum(folder / TRAJECTORY_TUM)
     fast = read_tum(folder / TRAJECTORY_FAST_TUM)
     landmarks = read_map_json(folder / MAP_JSON)
+    imu = read_yaw_rates(folder / IMU_CSV) if run.num_yaw_rates else YawRates()
     for name, promised, count in (
         (TRAJECTORY_TUM, run.num_poses, len(smoothed)),
         (TRAJECTORY_FAST_TUM, run.num_fast_poses, len(fast)),
         (MAP_JSON, run.num_landmarks, len(landmarks)),
+        (IMU_CSV, run.num_yaw_rates, len(imu)),
     ):
         if promised != count:
             raise InputError(
@@ -173,9 +183,20 @@ def read(folder: Path) -> RunResult:
             events=tuple(read_text(folder / EVENTS_LOG).splitlines()),
             settings=read_toml(folder / SETTINGS_TOML),
             fast_landmarks=read_map_json(folder / MAP_FAST_JSON),
+            imu=imu,
         )
     except InputError as error:
         raise InputError(error if str(folder) in str(error) else f"{folder}: {error}") from error
+
+
+def write_settings(folder: Path, settings: dict[str, Any]) -> None:
+    """Writes settings.toml.
+
+    Raises:
+        SettingsError: they are nothing that TOML can hold.
+        SemgraphError: the file cannot be written.
+    """
+    write_text(folder / SETTINGS_TOML, _settings_text(settings))
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -19,26 +19,30 @@ from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import InputError, SemgraphError
 from semgraph.landmarks import Kind, Landmark
 from semgraph.results import RunResult
+from semgraph.trace import Instant
+from semgraph.viewer_instants import (
+    COLORS,
+    LINE_WIDTH,
+    ellipse_outlines,
+    log_instants,
+    picture_entities,
+)
 
 if TYPE_CHECKING:
     import rerun as rr
 
-_COLORS: Final = {Kind.TREE: (46, 125, 50), Kind.ROCK: (121, 85, 72), Kind.MARKER: (21, 101, 192)}
 _PATH_COLORS: Final = {"smoothed": (0, 114, 178), "fast": (230, 159, 0)}
-_CHI2_2DOF_95: Final = 5.991
-_UNIT_CIRCLE: Final = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 33)).view(float).reshape(-1, 2)
 _TRUNK_HEIGHT_M: Final = 2.0
-# Radii below zero are points on the screen (Rerun, component Radius).
-_LINE_WIDTH: Final = -1.0
 _POINT_RADIUS: Final = -3.0
 _ESCAPING: Final = ("utf-8", "backslashreplace")
 _AT_SCAN: Final = re.compile(r"\bat scan (\d{1,12})\b")
 
 
-def write_recording(result: RunResult, path: Path) -> None:
+def write_recording(result: RunResult, path: Path, instants: Sequence[Instant] = ()) -> None:
     """Writes a finished run as a Rerun recording: no server, no connection.
 
-    Its timeline `time` counts from the run's first pose.
+    Its timeline `time` counts from the run's first pose. `instants` are shown along the smoothed
+    trajectory, or the fast one where there is none.
 
     Raises:
         SemgraphError: the file cannot be written, or Rerun cannot take a value.
@@ -47,7 +51,7 @@ def write_recording(result: RunResult, path: Path) -> None:
 
     with _refusals(path):
         center, size_m = _extent(result)
-        blueprint = _blueprint(center, size_m)
+        blueprint = _blueprint(center, size_m, picture_entities(instants))
         path.write_bytes(b"")  # a stream without its file would print warnings of its own
         recording = rr.RecordingStream("semgraph")
         recording.save(path, default_blueprint=blueprint)
@@ -58,6 +62,8 @@ def write_recording(result: RunResult, path: Path) -> None:
         for kind in Kind:
             _log_landmarks(recording, kind, result)
         _log_events(recording, result)
+        trajectory = result.smoothed if len(result.smoothed) else result.fast
+        log_instants(recording, instants, trajectory, _start_ns(result))
         recording.flush()
         recording.disconnect()
 
@@ -107,8 +113,10 @@ def _extent(result: RunResult) -> tuple[FloatArray, float]:
     return 0.5 * (points.min(axis=0) + points.max(axis=0)), max(1.0, np.ptp(points, axis=0).max())
 
 
-def _blueprint(center: FloatArray, size_m: float) -> "rr.blueprint.Blueprint":
-    """The map from above, y up, and the events below it."""
+def _blueprint(
+    center: FloatArray, size_m: float, pictures: Sequence[str]
+) -> "rr.blueprint.Blueprint":
+    """The map from above, y up, the images beside it, and the events below."""
     import rerun.blueprint as rrb
 
     eye = rrb.EyeControls3D(
@@ -116,7 +124,9 @@ def _blueprint(center: FloatArray, size_m: float) -> "rr.blueprint.Blueprint":
     )
     view = rrb.Spatial3DView(origin="map", name="map", eye_controls=eye)
     events = rrb.TextLogView(origin="events", name="events")
-    layout = rrb.Vertical(view, events, row_shares=[4, 1])
+    images = [rrb.Spatial2DView(origin=each, name=each.rpartition("/")[2]) for each in pictures]
+    above = rrb.Horizontal(view, rrb.Vertical(*images), column_shares=[2, 1]) if images else view
+    layout = rrb.Vertical(above, events, row_shares=[4, 1])
     return rrb.Blueprint(layout, rrb.TimePanel(timeline="time"))
 
 
@@ -130,7 +140,7 @@ def _log_trajectory(
     if not len(trajectory):
         return
     positions = trajectory.map_T_bases * (1.0, 1.0, 0.0)
-    path = rr.LineStrips3D([positions], colors=[_PATH_COLORS[name]], radii=_LINE_WIDTH)
+    path = rr.LineStrips3D([positions], colors=[_PATH_COLORS[name]], radii=LINE_WIDTH)
     recording.log(f"map/{name}/path", path, static=True)
     half = 0.5 * trajectory.map_T_bases[:, 2]
     quaternions = np.column_stack([np.zeros((len(half), 2)), np.sin(half), np.cos(half)])
@@ -147,33 +157,36 @@ def _log_landmarks(recording: "rr.RecordingStream", kind: Kind, result: RunResul
     landmarks = [each for each in result.landmarks if each.semantics.kind is kind]
     if not landmarks:
         return
-    entity, colors = f"map/{kind.label}s", [_COLORS[kind]]
+    entity, colors = f"map/{kind.label}s", [COLORS[kind]]
     positions = np.array([[*each.map_t_landmark, 0.0] for each in landmarks])
     labels = [f"{each.id}: {each.num_sightings} sightings" for each in landmarks]
     points = rr.Points3D(positions, colors=colors, labels=labels, radii=_POINT_RADIUS)
     recording.log(f"{entity}/positions", points, static=True)
-    values, vectors = np.linalg.eigh([each.covariance for each in landmarks])
-    roots = vectors * np.sqrt(_CHI2_2DOF_95 * np.maximum(values, 0.0))[:, None, :]
-    flat_roots = np.pad(roots, ((0, 0), (0, 1), (0, 0)))
-    outlines = _UNIT_CIRCLE @ flat_roots.transpose(0, 2, 1) + positions[:, None]
-    ellipses = rr.LineStrips3D(outlines, colors=colors, radii=_LINE_WIDTH)
+    covariances = np.array([each.covariance for each in landmarks])
+    outlines = ellipse_outlines(positions[:, :2], covariances)
+    ellipses = rr.LineStrips3D(outlines, colors=colors, radii=LINE_WIDTH)
     recording.log(f"{entity}/ellipses", ellipses, static=True)
     _log_bodies(recording, kind, landmarks)
 
 
 def _log_bodies(recording: "rr.RecordingStream", kind: Kind, landmarks: Sequence[Landmark]) -> None:
-    """Cylinders where the diameter is known: trunks, or as high as they are wide."""
+    """Where the diameter is known: trunks as cylinders, all else as balls on the ground."""
     import rerun as rr
 
     known = [(e.map_t_landmark, e.semantics.diameter) for e in landmarks]
     bodies = [(*position, diameter.mean_m) for position, diameter in known if diameter]
-    if bodies:
-        x, y, widths = np.transpose(bodies)
-        heights = np.full_like(x, _TRUNK_HEIGHT_M) if kind is Kind.TREE else widths
-        centers = np.column_stack([x, y, 0.5 * heights])
-        look = {"colors": [_COLORS[kind]], "fill_mode": "solid"}
-        cylinders = rr.Cylinders3D(lengths=heights, radii=0.5 * widths, centers=centers, **look)
-        recording.log(f"map/{kind.label}s/bodies", cylinders, static=True)
+    if not bodies:
+        return
+    x, y, widths = np.transpose(bodies)
+    heights = np.full_like(x, _TRUNK_HEIGHT_M) if kind is Kind.TREE else widths
+    centers = np.column_stack([x, y, 0.5 * heights])
+    look = {"centers": centers, "colors": [COLORS[kind]], "fill_mode": "solid"}
+    body = (
+        rr.Cylinders3D(lengths=heights, radii=0.5 * widths, **look)
+        if kind is Kind.TREE
+        else rr.Ellipsoids3D(radii=0.5 * widths, **look)
+    )
+    recording.log(f"map/{kind.label}s/bodies", body, static=True)
 
 
 def _log_events(recording: "rr.RecordingStream", result: RunResult) -> None:
@@ -192,5 +205,9 @@ def _log_events(recording: "rr.RecordingStream", result: RunResult) -> None:
 
 
 def _since_start(result: RunResult, stamps_ns: IntArray) -> NDArray[np.timedelta64]:
+    return (stamps_ns - _start_ns(result)).astype("timedelta64[ns]")
+
+
+def _start_ns(result: RunResult) -> int:
     firsts = [int(each.stamps_ns[0]) for each in (result.smoothed, result.fast) if len(each)]
-    return (stamps_ns - min(firsts, default=0)).astype("timedelta64[ns]")
+    return min(firsts, default=0)

@@ -6,8 +6,7 @@
 knows no headings.
 """
 
-import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -46,12 +45,12 @@ from sensors.plain_perceptions import (
     PERCEPTIONS_FILE,
     kind_codes,
     number_or_blank,
-    perception_rows,
     perception_sets,
     positive_or,
+    write_perceptions,
 )
 from sensors.stamps import seconds, stamps_ns
-from sensors.text_table import Row, TextTable
+from sensors.text_table import Row, TextTable, write_csv
 from sensors.truth import Source, TrueLandmarks, TruePath, Truth
 
 ODOMETRY_FILE = "odometry.csv"
@@ -253,11 +252,7 @@ def _write_files(source: Source, folder: Path) -> None:
     _write_motion(folder, measurements)
     sets = [m for m in measurements if isinstance(m, Perceptions)]
     if sets:
-        _write_csv(
-            folder / PERCEPTIONS_FILE,
-            (*PERCEPTION_COLUMNS, *OPTIONAL_PERCEPTION_COLUMNS),
-            (row for perceptions in sets for row in perception_rows(perceptions)),
-        )
+        write_perceptions(folder / PERCEPTIONS_FILE, sets)
     if scans:
         _write_scans(folder / SCANS_FILE, scans)
     _write_truth(folder, source.truth)
@@ -304,7 +299,7 @@ def _write_motion(folder: Path, measurements: tuple[Measurement, ...]) -> None:
     )
     for name, columns, rows in tables:
         if rows:
-            _write_csv(folder / name, columns, rows)
+            write_csv(folder / name, columns, rows)
 
 
 def _write_scans(file: Path, scans: list[LaserScan]) -> None:
@@ -345,11 +340,4 @@ def _write_truth(folder: Path, truth: Truth) -> None:
                 strict=True,
             )
         )
-        _write_csv(folder / TRUE_LANDMARKS_FILE, (*TRUE_LANDMARK_COLUMNS, "diameter_m"), rows)
-
-
-def _write_csv(file: Path, columns: tuple[str, ...], rows: Iterable[Row]) -> None:
-    with file.open("w", newline="", encoding="utf-8") as text:
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(rows)
+        write_csv(folder / TRUE_LANDMARKS_FILE, (*TRUE_LANDMARK_COLUMNS, "diameter_m"), rows)

@@ -3,17 +3,19 @@
 A row with a time and nothing else says that nothing was perceived then.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semgraph.arrays import FloatArray, IntArray
+from semgraph.errors import SemgraphError
 from semgraph.landmarks import Kind, Perceptions, polar_covariances
 from sensors.plain_header import PerceptionDefaults
 from sensors.stamps import seconds
-from sensors.text_table import Row, TextTable
+from sensors.text_table import Row, TextTable, write_csv
 
 PERCEPTIONS_FILE = "perceptions.csv"
 PERCEPTION_COLUMNS = ("stamp_s", "kind", "range_m", "bearing_rad")
@@ -120,6 +122,19 @@ def _reliabilities(table: TextTable) -> FloatArray:
     values = table.numbers("reliability", at_most=1.0, or_none=True)
     table.refuse(values < 0.0, "reliability", "a number from 0 to 1")
     return np.where(np.isnan(values), 1.0, values)
+
+
+def write_perceptions(file: Path, sets: Iterable[Perceptions]) -> None:
+    """Writes sets in the order of time; correlations of range and bearing have no place in it.
+
+    Raises:
+        SemgraphError: the file cannot be written.
+    """
+    rows = (row for perceptions in sets for row in perception_rows(perceptions))
+    try:
+        write_csv(file, (*PERCEPTION_COLUMNS, *OPTIONAL_PERCEPTION_COLUMNS), rows)
+    except OSError as error:
+        raise SemgraphError(f"{file}: cannot be written: {error.strerror}") from error
 
 
 def perception_rows(perceptions: Perceptions) -> Iterator[Row]:

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -134,6 +134,18 @@ class TextTable:
                 f"{self.path}: line {self.lines[rows[0]]}: {name}: expected {expected}, "
                 f"got {cell.strip()[:40]!r}"
             )
+
+
+def write_csv(file: Path, columns: Sequence[str], rows: Iterable[Row]) -> None:
+    """Writes a header and rows.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with file.open("w", newline="", encoding="utf-8") as text:
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(rows)
 
 
 def _bounded_text(path: Path) -> str:

@@ -10,16 +10,13 @@ from evaluation.alignment import Alignment
 from evaluation.consistency import nearest_rows
 from evaluation.figures.style import (
     BLUE,
-    BOTTOM,
-    INK,
-    LEFT,
     ORANGE,
-    TOP,
     broken_at_gaps,
+    legend_right,
     notes_on_reference,
-    plain,
     rmse_text,
     save,
+    time_panels,
     title,
 )
 from evaluation.trajectory import PathErrors, compare_path
@@ -76,7 +73,7 @@ def draw_errors(result: RunResult, truth: Truth, path: Path) -> None:
     )
     title(figure, f"{result.name} — {what}", notes)
     if compared:
-        _legend_right(figure, panels[0])
+        legend_right(figure, panels[0])
     save(figure, path)
 
 
@@ -87,22 +84,8 @@ def _as_reference(trajectory: Trajectory) -> TruePath:
 
 
 def _error_axes(what: str, *, with_headings: bool) -> tuple["Figure", list["Axes"]]:
-    from matplotlib.figure import Figure
-
     labels = [f"x {what} [m]", f"y {what} [m]"] + [f"rotation {what} [deg]"] * with_headings
-    height = 2.2 * len(labels) + BOTTOM + TOP
-    figure = Figure(figsize=(11.0, height))
-    panels = list(figure.subplots(len(labels), 1, sharex=True))
-    figure.subplots_adjust(
-        left=LEFT / 11.0, right=0.985, bottom=BOTTOM / height, top=1.0 - TOP / height, hspace=0.1
-    )
-    figure.align_ylabels(panels)
-    for axes, label in zip(panels, labels, strict=True):
-        axes.set_ylabel(label, color=INK)
-        axes.axhline(0.0, color="#B0B0B0", linewidth=1.0, zorder=1)
-        plain(axes)
-    panels[-1].set_xlabel("time since the start [s]", color=INK)
-    return figure, panels
+    return time_panels(labels)
 
 
 def _draw_errors_of(
@@ -152,15 +135,3 @@ def _draw_band(
 def _figures_of(errors: PathErrors) -> str:
     largest_m = float(errors.distances[~errors.is_outlier].max())
     return f"RMSE {rmse_text(errors)}, largest {largest_m:.3f} m"
-
-
-def _legend_right(figure: "Figure", axes: "Axes") -> None:
-    figure.legend(
-        *axes.get_legend_handles_labels(),
-        loc="upper right",
-        ncols=3,
-        frameon=False,
-        fontsize=9,
-        labelcolor=INK,
-        bbox_to_anchor=(0.995, 1.0 - 0.06 / figure.get_figheight()),
-    )

@@ -11,11 +11,13 @@ from evaluation.figures.style import (
     BOTTOM,
     GREY,
     INK,
+    KIND_COLOURS,
     LEFT,
     ORANGE,
     TOP,
     Compared,
     broken_at_gaps,
+    draw_ellipses,
     notes_on_reference,
     plain,
     rmse_text,
@@ -36,12 +38,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_KIND_COLOURS = {Kind.TREE: "#009E73", Kind.ROCK: "#56B4E9", Kind.MARKER: "#CC79A7"}
 _KIND_SHAPES = {Kind.TREE: "o", Kind.ROCK: "^", Kind.MARKER: "s"}
 _FAULT = "#D55E00"
-
-# sqrt of the 95 % point of chi-square with 2 degrees of freedom.
-_ELLIPSE_SIGMAS = float(np.sqrt(-2.0 * np.log(0.05)))
 
 # Inches: the box of the map at most and at least, and the legend's room.
 _MAX_BOX, _MIN_SIDE = np.array([9.5, 8.0]), 3.5
@@ -178,33 +176,17 @@ def _draw_true_landmarks(axes: "Axes", points: FloatArray) -> None:
 
 
 def _draw_landmarks(axes: "Axes", landmarks: Sequence[Landmark]) -> None:
-    from matplotlib.collections import EllipseCollection
-
     for kind in Kind:
         of_kind = [landmark for landmark in landmarks if landmark.semantics.kind == kind]
         if not of_kind:
             continue
         points = _positions(of_kind)
-        values, vectors = np.linalg.eigh([landmark.covariance for landmark in of_kind])
-        axes_m = 2.0 * _ELLIPSE_SIGMAS * np.sqrt(np.maximum(values, 0.0))
-        angles = np.degrees(np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1]))
-        ellipses = EllipseCollection(
-            axes_m[:, 1],
-            axes_m[:, 0],
-            angles,
-            units="xy",
-            offsets=points,
-            offset_transform=axes.transData,
-            facecolors=_KIND_COLOURS[kind] + "2E",
-            edgecolors=_KIND_COLOURS[kind],
-            linewidths=0.9,
-            zorder=3,
-        )
-        axes.add_collection(ellipses)
+        covariances = np.array([landmark.covariance for landmark in of_kind])
+        draw_ellipses(axes, points, covariances, KIND_COLOURS[kind])
         axes.plot(
             *points.T,
             _KIND_SHAPES[kind],
-            color=_KIND_COLOURS[kind],
+            color=KIND_COLOURS[kind],
             markersize=_marker_size(len(landmarks)),
             label=f"{kind.label} with 95 % ellipse ({len(of_kind)})",
             zorder=4,

@@ -10,6 +10,7 @@ import numpy as np
 from evaluation.trajectory import MAX_GAP_NS, PathErrors, rmse
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import SemgraphError
+from semgraph.landmarks import Kind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,6 +20,10 @@ DPI = 170
 
 # Okabe and Ito 2008: told apart with every kind of colour vision.
 BLUE, ORANGE, GREY, INK = "#0072B2", "#E69F00", "#8A8A8A", "#262626"
+KIND_COLOURS = {Kind.TREE: "#009E73", Kind.ROCK: "#56B4E9", Kind.MARKER: "#CC79A7"}
+
+# sqrt of the 95 % point of chi-square with 2 degrees of freedom.
+ELLIPSE_SIGMAS = float(np.sqrt(-2.0 * np.log(0.05)))
 
 # Inches around the axes.
 LEFT, BOTTOM, TOP = 0.8, 0.65, 0.95
@@ -36,6 +41,60 @@ def plain(axes: "Axes") -> None:
     for side in ("left", "bottom"):
         axes.spines[side].set_color("#B0B0B0")
     axes.tick_params(colors=INK, labelsize=9)
+
+
+def draw_ellipses(axes: "Axes", points: FloatArray, covariances: FloatArray, colour: str) -> None:
+    """Draws the 95 % ellipses of points (n, 2) with covariances (n, 2, 2)."""
+    from matplotlib.collections import EllipseCollection
+
+    values, vectors = np.linalg.eigh(covariances)
+    axes_m = 2.0 * ELLIPSE_SIGMAS * np.sqrt(np.maximum(values, 0.0))
+    angles = np.degrees(np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1]))
+    ellipses = EllipseCollection(
+        axes_m[:, 1],
+        axes_m[:, 0],
+        angles,
+        units="xy",
+        offsets=points,
+        offset_transform=axes.transData,
+        facecolors=colour + "2E",
+        edgecolors=colour,
+        linewidths=0.9,
+        zorder=3,
+    )
+    axes.add_collection(ellipses)
+
+
+def time_panels(labels: Sequence[str]) -> tuple["Figure", list["Axes"]]:
+    """A figure with axes one above the other, one a label, that share the time since the start."""
+    from matplotlib.figure import Figure
+
+    height = 2.2 * len(labels) + BOTTOM + TOP
+    figure = Figure(figsize=(11.0, height))
+    panels = list(figure.subplots(len(labels), 1, sharex=True))
+    figure.subplots_adjust(
+        left=LEFT / 11.0, right=0.985, bottom=BOTTOM / height, top=1.0 - TOP / height, hspace=0.1
+    )
+    figure.align_ylabels(panels)
+    for axes, label in zip(panels, labels, strict=True):
+        axes.set_ylabel(label, color=INK)
+        axes.axhline(0.0, color="#B0B0B0", linewidth=1.0, zorder=1)
+        plain(axes)
+    panels[-1].set_xlabel("time since the start [s]", color=INK)
+    return figure, panels
+
+
+def legend_right(figure: "Figure", axes: "Axes") -> None:
+    """Puts the legend of some axes at the top right of the figure."""
+    figure.legend(
+        *axes.get_legend_handles_labels(),
+        loc="upper right",
+        ncols=3,
+        frameon=False,
+        fontsize=9,
+        labelcolor=INK,
+        bbox_to_anchor=(0.995, 1.0 - 0.06 / figure.get_figheight()),
+    )
 
 
 def rmse_text(errors: PathErrors) -> str:

@@ -144,3 +144,15 @@ def test_a_bad_choice_is_refused_at_the_start(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.undo()
     with pytest.raises(SettingsError):
         DetectorBank({"trees-2d": {"max_misfit": "wide"}})
+
+
+def test_an_observer_is_told_of_every_answer_and_of_no_fault() -> None:
+    told: list[tuple[str, int, float]] = []
+    bank = DetectorBank(
+        {"post": {}, "thrower": {}},
+        observe=lambda name, found, seconds: told.append((name, len(found), seconds)),
+    )
+    for stamp_ns in range(2):
+        bank.perceive(scan_at(stamp_ns))
+    assert [(name, count) for name, count, _ in told] == [("post", 1), ("thrower", 1), ("post", 1)]
+    assert all(seconds >= 0.0 for *_, seconds in told)

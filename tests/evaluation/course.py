@@ -1,5 +1,7 @@
 """A round course with a run over it, whose errors are drawn from the covariances it claims."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from semgraph.arrays import FloatArray
@@ -7,6 +9,8 @@ from semgraph.estimates import Trajectory
 from semgraph.geometry import Pose2
 from semgraph.landmarks import Kind, Landmark, semantic_object
 from semgraph.results import RunResult
+from semgraph.yaw_rates import YawRates
+from sensors.simulation.imu import SimulatedImu, simulate_imu
 from sensors.truth import TrueLandmarks, TruePath, Truth
 
 START = Pose2(3.0, -2.0, 0.7)
@@ -91,3 +95,19 @@ def make_run(seed: int, sigma_m: float = 0.05) -> tuple[RunResult, Truth]:
         settings={"seed": seed},
     )
     return result, Truth(path, landmarks)
+
+
+def with_imu(result: RunResult, path: TruePath) -> RunResult:
+    """The run with what a simulated inertial sensor measured on the true path, ten times as often.
+
+    It turns evenly between two true poses.
+    """
+    assert path.headings is not None
+    stamps_ns = np.arange(path.stamps_ns[0], path.stamps_ns[-1] + 1, 20_000_000)
+    unwrapped = np.unwrap(path.headings)
+    since_start = (path.stamps_ns - path.stamps_ns[0]).astype(float)
+    headings = np.interp(stamps_ns - stamps_ns[0], since_start, unwrapped)
+    poses = np.column_stack([np.zeros((len(stamps_ns), 2)), headings])
+    samples = simulate_imu(stamps_ns, poses, SimulatedImu(), np.random.default_rng(0))
+    rates = np.array([sample.yaw_rate for sample in samples])
+    return replace(result, imu=YawRates(stamps_ns, rates))

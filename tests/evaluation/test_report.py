@@ -10,7 +10,7 @@ from evaluation.report import evaluate_folder, read_metrics, table_rows, write_m
 from evaluation.truth_files import write_truth
 from semgraph import results
 from semgraph.errors import InputError
-from tests.evaluation.course import make_run
+from tests.evaluation.course import make_run, with_imu
 
 METRICS = (
     Metric("trajectory_rmse_m", 0.1 + 0.2, "m", Direction.LOWER),
@@ -18,6 +18,7 @@ METRICS = (
     Metric("nees_mean", 3.25, "", Direction.EXPECTED, 3.0),
     Metric("scans_per_second", 1234.5, "1/s", Direction.HIGHER),
     Metric("num_loop_closures", 2.0, "", Direction.NEITHER),
+    Metric("yaw_rate_rms_rad_s", 0.012, "rad/s", Direction.LOWER),
 )
 
 
@@ -35,6 +36,7 @@ def test_the_table_reads_well() -> None:
         ("nees mean", "3.250", "", "expected 3"),
         ("scans per second", "1234.5", "1/s", "higher is better"),
         ("num loop closures", "2", "", ""),
+        ("yaw rate rms", "0.012", "rad/s", "lower is better"),
     ]
 
 
@@ -80,3 +82,22 @@ def test_nothing_heavy_is_imported_before_it_is_used() -> None:
     names = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "evaluation.report" in names.stdout.split()
     assert not {"matplotlib", "scipy", "gtsam", "rerun"} & set(names.stdout.split())
+
+
+def test_rotation_is_judged_and_drawn_again_where_an_imu_measured(tmp_path: Path) -> None:
+    result, truth = make_run(1)
+    assert truth.path is not None
+    names = {}
+    for folder, shown in (("with", with_imu(result, truth.path)), ("without", result)):
+        results.write(shown, tmp_path / folder)
+        write_truth(tmp_path / folder, truth)
+        evaluate_folder(tmp_path / folder)
+        again = evaluate_folder(tmp_path / folder)
+        assert (tmp_path / folder / "rotation.png").exists() is (folder == "with")
+        assert (tmp_path / folder / "imu.csv").exists() is (folder == "with")
+        names[folder] = {metric.name: metric for metric in again}
+    rms = {f"{prefix}yaw_rate_rms_rad_s" for prefix in ("", "fast_")}
+    assert names["with"].keys() - names["without"].keys() == rms
+    smoothed = names["with"]["yaw_rate_rms_rad_s"]
+    assert (smoothed.unit, smoothed.better) == ("rad/s", Direction.LOWER)
+    assert 0.0 < smoothed.value < names["with"]["fast_yaw_rate_rms_rad_s"].value

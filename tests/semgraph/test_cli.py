@@ -104,6 +104,9 @@ def test_help_is_quick() -> None:
         (["run", "course:perceptions", "--set", "num_trees=100000"], "num_trees"),
         (["run", "course:paper", "--settings", "none.toml"], "none.toml"),
         (["run", "course:paper", "--output", "taken"], "taken"),
+        (["detect", "course:perceptions", "--output", "new"], "come ready"),
+        (["detect", "course:paper", "--set", "detectors.trees-2d.no=1"], "no"),
+        (["detect", "course:paper", "--output", "taken"], "taken"),
         (["evaluate", "nowhere"], "nowhere"),
         (["view", "nowhere"], "nowhere"),
     ],
@@ -138,6 +141,19 @@ def test_wrong_usage_is_status_2(tmp_path: Path, arguments: list[str]) -> None:
     assert "usage" in done.stderr
 
 
+def test_what_is_detected_is_written_drawn_and_counted(tmp_path: Path) -> None:
+    done = semgraph(tmp_path, "detect", "course:paper", "--output", "out")
+    assert done.returncode == 0, done.stderr
+    assert "trees-2d" in done.stdout
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == {"perceptions.csv", "detections.png", "settings.toml"}
+    settings = str(tmp_path / "out" / "settings.toml")
+    again = semgraph(tmp_path, "detect", "course:paper", "--settings", settings, "--output", "two")
+    assert again.returncode == 0, again.stderr
+    first, second = (tmp_path / name / "perceptions.csv" for name in ("out", "two"))
+    assert first.read_bytes() == second.read_bytes()
+
+
 def test_a_folder_written_by_hand_runs(tmp_path: Path) -> None:
     folder = tmp_path / "mine"
     folder.mkdir()
@@ -152,8 +168,8 @@ def test_a_folder_written_by_hand_runs(tmp_path: Path) -> None:
 
 
 def test_the_readmes_commands_exist() -> None:
-    commands = set(re.findall(r"semgraph (demo|run|evaluate|view|compare|bench)\b", _text()))
-    assert {"demo", "run", "evaluate", "view", "bench"} <= commands
+    commands = set(re.findall(r"semgraph (demo|run|evaluate|view|compare|bench|detect)\b", _text()))
+    assert {"demo", "run", "evaluate", "view", "bench", "detect"} <= commands
     assert "./check" in _text()
     assert (ROOT / "check").stat().st_mode & 0o111
     assert "./check" in (ROOT / ".ci" / "run").read_text()

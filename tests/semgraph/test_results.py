@@ -13,6 +13,7 @@ from semgraph.errors import InputError, SemgraphError, SettingsError
 from semgraph.estimates import Trajectory
 from semgraph.landmarks import Kind, Landmark, semantic_object
 from semgraph.results import RunResult
+from semgraph.yaw_rates import YawRates
 
 FILES = {
     "trajectory.tum",
@@ -24,7 +25,13 @@ FILES = {
     "settings.toml",
     "run.json",
     "events.log",
+    "imu.csv",
 }
+
+
+def random_rates(rng: np.random.Generator, n: int) -> YawRates:
+    stamps_ns = 1_600_000_000_123_456_789 + np.cumsum(rng.integers(1, 10**9, n))
+    return YawRates(stamps_ns, rng.normal(0.0, 0.3, n))
 
 
 def random_trajectory(rng: np.random.Generator, n: int) -> Trajectory:
@@ -64,6 +71,7 @@ def random_result(seed: int, n: int = 8) -> RunResult:
         num_scans=n,
         events=("loop closed at 3.2 s", "graph rebuilt\nafter an error"),
         settings={"fast": {"radius_m": 0.1 + 0.2, "sweep": [1.0, 2.0]}, "seed": seed},
+        imu=random_rates(rng, n),
     )
 
 
@@ -76,6 +84,8 @@ def assert_same(first: RunResult, second: RunResult) -> None:
         np.testing.assert_array_equal(a.stamps_ns, b.stamps_ns)
         np.testing.assert_array_equal(a.map_T_bases[:, :2], b.map_T_bases[:, :2])
         np.testing.assert_allclose(a.map_T_bases[:, 2], b.map_T_bases[:, 2], rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(first.imu.stamps_ns, second.imu.stamps_ns)
+    np.testing.assert_array_equal(first.imu.rates, second.imu.rates)
     assert len(first.landmarks) == len(second.landmarks)
     for one, other in zip(first.landmarks, second.landmarks, strict=True):
         np.testing.assert_array_equal(one.map_t_landmark, other.map_t_landmark)

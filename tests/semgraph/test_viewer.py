@@ -1,6 +1,5 @@
 import subprocess
 import sys
-from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from semgraph.estimates import Trajectory
 from semgraph.landmarks import Kind, Landmark, semantic_object
 from semgraph.results import RunResult
 from semgraph.viewer import open_viewer, write_recording
+from tests.semgraph.rerun_files import Columns, array, read_back
 
 START_NS = 1_600_000_000_123_456_789
 NOTHING = Trajectory(np.empty(0, dtype=np.int64), np.empty((0, 3)))
@@ -49,32 +49,9 @@ def example() -> RunResult:
     )
 
 
-Columns = dict[str, dict[str, list[object]]]
-
-
-def read_back(path: Path, *, blueprint: bool = False) -> Columns:
-    """Entity -> column without its archetype -> one value a row; times in nanoseconds."""
-    import rerun as rr
-
-    reader = rr.chunk.RrdReader(str(path))
-    (store,) = reader.blueprints() if blueprint else reader.recordings()
-    entities: Columns = defaultdict(lambda: defaultdict(list))
-    for chunk in reader.stream(store=store).to_chunks():
-        batch = chunk.to_record_batch()
-        for name, values in zip(batch.schema.names, batch.columns, strict=True):
-            is_time = str(values.type).startswith(("timestamp", "duration"))
-            rows = values.cast("int64") if is_time else values
-            entities[chunk.entity_path][name.split(":")[-1]] += rows.to_pylist()
-    return entities
-
-
 def written(result: RunResult, folder: Path) -> Columns:
     write_recording(result, folder / "run.rrd")
     return read_back(folder / "run.rrd")
-
-
-def array(values: object) -> np.ndarray:
-    return np.array(values, dtype=np.float64)
 
 
 def test_a_run_has_its_entities_and_no_others(tmp_path: Path) -> None:
@@ -136,11 +113,9 @@ def test_known_diameters_have_bodies(tmp_path: Path) -> None:
     entities = written(example(), tmp_path)
     trunk, rock = entities["/map/trees/bodies"], entities["/map/rocks/bodies"]
     np.testing.assert_allclose(array(trunk["radii"]), [[0.2]])
-    np.testing.assert_allclose(array(rock["radii"]), [[0.3]])
-    np.testing.assert_allclose(array(rock["lengths"]), [[0.6]])
-    for body in (trunk, rock):
-        bottom = array(body["centers"])[0, 0, 2] - 0.5 * array(body["lengths"])[0, 0]
-        assert bottom == pytest.approx(0.0)
+    np.testing.assert_allclose(array(rock["half_sizes"]), [[[0.3, 0.3, 0.3]]])
+    assert array(trunk["centers"])[0, 0, 2] == pytest.approx(0.5 * array(trunk["lengths"])[0, 0])
+    assert array(rock["centers"])[0, 0, 2] == pytest.approx(0.3)
 
 
 def test_events_stand_at_the_scan_they_name_or_at_the_end(tmp_path: Path) -> None:
@@ -206,7 +181,7 @@ def test_numbers_beyond_rerun_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "wrong", "reason"),
     [
-        ("_LINE_WIDTH", "thick", "could not convert"),
+        ("LINE_WIDTH", "thick", "could not convert"),
         ("_since_start", lambda *_: np.arange(3), "same length"),
     ],
 )

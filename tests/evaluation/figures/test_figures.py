@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from evaluation.figures import draw_errors, draw_map
+from evaluation.figures import draw_errors, draw_map, draw_rotation
 from evaluation.figures.errors import _error_axes
 from evaluation.figures.map import _draw_landmarks, _extent, _map_axes
 from evaluation.figures.style import broken_at_gaps, drawable
@@ -16,7 +16,7 @@ from semgraph.estimates import Trajectory
 from semgraph.landmarks import Kind, Landmark, semantic_object
 from semgraph.results import RunResult
 from sensors.truth import Truth
-from tests.evaluation.course import make_run
+from tests.evaluation.course import make_run, with_imu
 
 NOTHING = Trajectory(np.empty(0, dtype=np.int64), np.empty((0, 3)))
 
@@ -48,6 +48,7 @@ def runs() -> dict[str, tuple[RunResult, Truth]]:
 @pytest.mark.parametrize("name", runs())
 def test_every_kind_of_run_is_drawn(tmp_path: Path, name: str) -> None:
     result, truth = runs()[name]
+    draw_rotation(result, tmp_path / "rotation.png")
     for draw in (draw_map, draw_errors):
         draw(result, truth, tmp_path / "picture.png")
         image = imread(tmp_path / "picture.png")
@@ -125,3 +126,19 @@ def test_rotation_has_a_panel_only_with_headings(*, with_headings: bool, num_pan
     _, panels = _error_axes("error", with_headings=with_headings)
     assert len(panels) == num_panels
     assert any("rotation" in axes.get_ylabel() for axes in panels) == with_headings
+
+
+def test_rotation_shows_each_estimate_and_the_sensor(tmp_path: Path) -> None:
+    result, truth = make_run(0)
+    assert truth.path is not None
+    images = []
+    for name, shown in (
+        ("both", with_imu(result, truth.path)),
+        ("other", replace(with_imu(result, truth.path), smoothed=result.fast)),
+        ("one", replace(with_imu(result, truth.path), fast=NOTHING)),
+        ("none", result),
+    ):
+        draw_rotation(shown, tmp_path / f"{name}.png")
+        images.append(imread(tmp_path / f"{name}.png"))
+    for k, first in enumerate(images):
+        assert all((first != second).any() for second in images[:k])
