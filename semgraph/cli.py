@@ -11,7 +11,10 @@ _MAX_SEEDS = 10_000
 _SOURCES = """\
 sources:
   course:paper            the paper's round course from laser scans (--set seed=1, odometry=true)
-  course:perceptions      the same with perceptions ready made (--set clutter=1)
+  course:forest           a dense stand on uneven ground (person=true, felled=true, stem_map=FILE)
+  course:rocks            rocks on rough ground, by a depth camera (--set rock_share=0.05)
+  course:car-park         reflecting posts, by a laser; course:markers: AprilTags, by a camera
+  course:perceptions      the paper's with perceptions ready made (--set clutter=1)
   victoria-park-graph     the graph that the gtsam wheel carries (--set identities=true)
   FOLDER                  a recording, recognised by what lies in it: a plain recording folder,
                           car park, Victoria Park, MRCLAM (--set robot=1), Wild-Places
@@ -41,6 +44,8 @@ def _call(parsed: argparse.Namespace) -> None:
             commands.demo(parsed.output)
         case "run":
             commands.run(parsed.source, parsed.output, parsed.settings, parsed.set, parsed.live)
+        case "simulate":
+            commands.simulate(parsed.source, parsed.folder, parsed.set)
         case "evaluate":
             commands.evaluate(parsed.folder)
         case "compare":
@@ -71,19 +76,23 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("source", metavar="SOURCE", help="a folder or a name, see below")
     _add_output(run)
     run.add_argument("--settings", type=Path, metavar="FILE", help="settings in TOML")
-    run.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="one setting, e.g. fast.search_radius_m=0.8; without a section: of the source",
-    )
+    _add_set(run, "one setting, e.g. fast.search_radius_m=0.8; without a section: of the source")
     run.add_argument(
         "--live",
         type=Path,
         metavar="FILE",
         help="settings whose filters and detectors may be changed while the run goes on",
     )
+
+    simulate = commands.add_parser(
+        "simulate",
+        help="write a simulated course as a plain recording folder",
+        epilog=_SOURCES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    simulate.add_argument("source", metavar="SOURCE", help="a name, see below")
+    simulate.add_argument("folder", type=Path, metavar="DIR", help="new or empty")
+    _add_set(simulate, "one option of the course, e.g. seed=1")
 
     for name, what in (
         ("evaluate", "print and write the metrics of a run again"),
@@ -126,6 +135,10 @@ def _seeds(text: str) -> range:
     if not 1 <= len(seeds) <= _MAX_SEEDS:
         raise argparse.ArgumentTypeError(f"expected 1 to {_MAX_SEEDS} seeds, got {text}")
     return seeds
+
+
+def _add_set(parser: argparse.ArgumentParser, what: str) -> None:
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=what)
 
 
 def _add_output(parser: argparse.ArgumentParser) -> None:

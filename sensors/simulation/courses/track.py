@@ -106,9 +106,9 @@ def beside(
     rng: np.random.Generator,
     sides: tuple[float, ...] = (-1.0, 1.0),
 ) -> tuple[FloatArray, FloatArray]:
-    """(count, 2) places so far from a track, and (count, 3) poses beside them on it; 1 is left.
+    """(count, 2) places so far from a track, and (count, 3) poses on it beside them.
 
-    They are spread along the track, never evenly.
+    They are spread along the track, never evenly; `sides` are 1 for its left, -1 for its right.
     """
     steps = (np.arange(count) + rng.uniform(0.1, 0.9, count)) / max(count, 1)
     poses = track.poses(steps * track.length_m)
