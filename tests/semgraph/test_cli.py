@@ -124,17 +124,6 @@ def test_a_known_error_is_one_line_and_status_1(
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["fly"],
-        ["bench"],
-        ["bench", "detectors", "--seeds", "5-4"],
-        ["bench", "detectors", "--seeds", "x"],
-        ["bench", "detectors", "--seeds=-3-4"],
-        ["bench", "detectors", "--seeds", "1-99999999999"],
-    ],
-)
 def test_a_course_is_written_as_a_folder_that_runs_the_same(tmp_path: Path) -> None:
     options = [f"--set={each}" for each in ("track_radius_m=8", "speed=8", "overlap_s=0.5")]
     written = semgraph(tmp_path, "simulate", "course:car-park", "written", *options)
@@ -150,6 +139,17 @@ def test_a_course_is_written_as_a_folder_that_runs_the_same(tmp_path: Path) -> N
     assert "new or empty folder" in again.stderr
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["fly"],
+        ["bench"],
+        ["bench", "detectors", "--seeds", "5-4"],
+        ["bench", "detectors", "--seeds", "x"],
+        ["bench", "detectors", "--seeds=-3-4"],
+        ["bench", "detectors", "--seeds", "1-99999999999"],
+    ],
+)
 def test_wrong_usage_is_status_2(tmp_path: Path, arguments: list[str]) -> None:
     done = semgraph(tmp_path, *arguments)
     assert done.returncode == 2

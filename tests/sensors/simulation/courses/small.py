@@ -17,7 +17,7 @@ SMALL: dict[str, dict[str, object]] = {
         "stems_per_ha": 400,
         "odometry": True,
     },
-    "course:rocks": {"track_radius_m": 4.0, "speed": 2.0, "overlap_s": 0.5, "image_rate_hz": 1.5},
+    "course:rocks": {"track_radius_m": 4.0, "speed": 1.5, "overlap_s": 0.5, "image_rate_hz": 1.5},
     "course:car-park": {"track_radius_m": 8.0, "speed": 8.0, "overlap_s": 1.0},
     "course:markers": {
         "track_radius_m": 4.0,
