@@ -13,7 +13,10 @@ _MAX_SEEDS = 10_000
 _SOURCES = """\
 sources:
   course:paper            the paper's round course from laser scans (--set seed=1, odometry=true)
-  course:perceptions      the same with perceptions ready made (--set clutter=1)
+  course:forest           a dense stand on uneven ground (person=true, felled=true, stem_map=FILE)
+  course:rocks            rocks on rough ground, by a depth camera (--set rock_share=0.05)
+  course:car-park         reflecting posts, by a laser; course:markers: AprilTags, by a camera
+  course:perceptions      the paper's with perceptions ready made (--set clutter=1)
   victoria-park-graph     the graph that the gtsam wheel carries (--set identities=true)
   FOLDER                  a recording, recognised by what lies in it: a plain recording folder,
                           car park, Victoria Park, MRCLAM (--set robot=1), Wild-Places
@@ -45,6 +48,8 @@ def _call(parsed: argparse.Namespace) -> None:
             commands.run(parsed.source, parsed.output, parsed.settings, parsed.set, parsed.live)
         case "detect":
             commands.detect(parsed.source, parsed.output, parsed.settings, parsed.set)
+        case "simulate":
+            commands.simulate(parsed.source, parsed.folder, parsed.set)
         case "evaluate":
             commands.evaluate(parsed.folder)
         case "compare":
@@ -77,6 +82,16 @@ def _parser() -> argparse.ArgumentParser:
     _add_with_source(
         commands.add_parser, "detect", "write and draw what the detectors find in raw measurements"
     )
+    simulate = commands.add_parser(
+        "simulate",
+        help="write a simulated course as a plain recording folder",
+        epilog=_SOURCES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    simulate.add_argument("source", metavar="SOURCE", help="a name, see below")
+    simulate.add_argument("folder", type=Path, metavar="DIR", help="new or empty")
+    _add_set(simulate, "one option of the course, e.g. seed=1")
+
     for name, what in (
         ("evaluate", "print and write the metrics of a run again"),
         ("view", "open a run in Rerun"),
@@ -101,12 +116,8 @@ def _add_with_source(add_parser: _AddParser, name: str, what: str) -> argparse.A
     command.add_argument("source", metavar="SOURCE", help="a folder or a name, see below")
     _add_output(command)
     command.add_argument("--settings", type=Path, metavar="FILE", help="settings in TOML")
-    command.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="one setting, e.g. fast.search_radius_m=0.8; without a section: of the source",
+    _add_set(
+        command, "one setting, e.g. fast.search_radius_m=0.8; without a section: of the source"
     )
     return command
 
@@ -139,6 +150,10 @@ def _seeds(text: str) -> range:
     if not 1 <= len(seeds) <= _MAX_SEEDS:
         raise argparse.ArgumentTypeError(f"expected 1 to {_MAX_SEEDS} seeds, got {text}")
     return seeds
+
+
+def _add_set(parser: argparse.ArgumentParser, what: str) -> None:
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=what)
 
 
 def _add_output(parser: argparse.ArgumentParser) -> None:

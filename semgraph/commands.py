@@ -20,6 +20,7 @@ from semgraph.settings import Settings, load_settings
 from semgraph.trace import Trace
 from sensors.catalog import open_source, source_options
 from sensors.plain_perceptions import PERCEPTIONS_FILE
+from sensors.plain_writing import write
 
 DEMO_SOURCE: Final = "course:perceptions"
 RESULTS: Final = Path("results")
@@ -60,6 +61,20 @@ def run(
     unlinked = staging.point_latest(folder) if output is None else None
     _print_comparison(console, metrics)
     _print_next(console, folder, unlinked)
+
+
+def simulate(source: str, folder: Path, assignments: Sequence[str]) -> None:
+    """Writes a source, a simulated course say, as a plain recording folder; prints what it is.
+
+    Raises:
+        SemgraphError: no such source or option, or the folder holds something already.
+    """
+    console = Console(soft_wrap=True)
+    settings = load_settings(None, assignments)
+    with console.status(f"simulating {source}"):
+        opened = open_source(source, settings.source)
+        write(opened, folder)
+    console.print(f"{folder}: {opened.recording.num_scans} scans or images of {source}")
 
 
 def demo(output: Path | None) -> None:

@@ -2,6 +2,7 @@
 
 import math
 import tomllib
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +11,8 @@ from pydantic import BaseModel, Field, ValidationError
 from semgraph.errors import InputError, known_names
 from semgraph.geometry import Pose2
 from sensors.files import read_text
-from sensors.measurements import OdometryNoise, ScannerGeometry
+from sensors.filters.chain import filter_settings
+from sensors.measurements import CameraGeometry, Mounting, OdometryNoise, ScannerGeometry
 
 HEADER_FILE = "recording.toml"
 MAX_HEADER_BYTES = 2**20
@@ -38,6 +40,32 @@ class Laser(BaseModel, extra="forbid", frozen=True, allow_inf_nan=False):
             self.range_max_m,
             Pose2(*self.base_T_laser),
         )
+
+
+class MountingValues(BaseModel, extra="forbid", frozen=True, allow_inf_nan=False):
+    """`[camera.mounting]`: m and rad, as `Mounting`."""
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    height_m: float = 0.0
+    roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
+
+
+class Camera(BaseModel, extra="forbid", frozen=True, allow_inf_nan=False):
+    """`[camera]`: of depth images and camera images alike, as `CameraGeometry`."""
+
+    width: int
+    height: int
+    focal_px: float
+    centre_px: tuple[float, float]
+    mounting: MountingValues = MountingValues()
+
+    def geometry(self) -> CameraGeometry:
+        """The same as the images carry it."""
+        mounting = Mounting(**self.mounting.model_dump())
+        return CameraGeometry(self.width, self.height, self.focal_px, self.centre_px, mounting)
 
 
 _NOISE = OdometryNoise()
@@ -74,11 +102,17 @@ class TruthHeader(BaseModel, extra="forbid", frozen=True, allow_inf_nan=False):
 
 
 class Header(BaseModel, extra="forbid", frozen=True, allow_inf_nan=False):
-    """All of `recording.toml`; only `name` must be there, and `[laser]` where there are scans."""
+    """All of `recording.toml`; only `name` must be there.
+
+    `[laser]` where there are scans, `[camera]` where there are images. `[[filters]]` are those that
+    the scans need, as in a settings file.
+    """
 
     name: Name
     detectors: dict[Text, dict[str, float]] = {}
+    filters: list[dict[Text, float | Text]] = []
     laser: Laser | None = None
+    camera: Camera | None = None
     vehicle: Vehicle | None = None
     start: Start = Start()
     perceptions: PerceptionDefaults = PerceptionDefaults()
@@ -87,6 +121,8 @@ class Header(BaseModel, extra="forbid", frozen=True, allow_inf_nan=False):
 
 _SECTIONS: dict[object, type[BaseModel]] = {
     "laser": Laser,
+    "camera": Camera,
+    "mounting": MountingValues,
     "vehicle": Vehicle,
     "start": Start,
     "perceptions": PerceptionDefaults,
@@ -109,6 +145,17 @@ def laser_values(geometry: ScannerGeometry) -> dict[str, object]:
     ).model_dump()
 
 
+def camera_values(camera: CameraGeometry) -> dict[str, object]:
+    """`[camera]` of an image's geometry."""
+    return Camera(
+        width=camera.width,
+        height=camera.height,
+        focal_px=camera.focal_px,
+        centre_px=camera.centre_px,
+        mounting=MountingValues(**asdict(camera.mounting)),
+    ).model_dump()
+
+
 def read_header(folder: Path) -> Header:
     """The header of a plain recording folder.
 
@@ -124,10 +171,12 @@ def read_header(folder: Path) -> Header:
         reason = str(error).partition("\n")[0]
         raise InputError(f"{file}: expected TOML: {reason}") from error
     try:
-        if header.laser is not None:
-            header.laser.geometry()
+        for device in (header.laser, header.camera):
+            if device is not None:
+                device.geometry()
+        filter_settings(header.filters)
     except InputError as error:
-        raise InputError(f"{file}: [laser]: {error}") from error
+        raise InputError(f"{file}: {error}") from error
     return header
 
 
@@ -136,6 +185,6 @@ def _first_fault(error: ValidationError) -> str:
     place = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
         *section, name = first["loc"]
-        model = _SECTIONS[section[0]] if section else Header
+        model = _SECTIONS[section[-1]] if section else Header
         return f"unknown key {place!r}, {known_names(str(name), model.model_fields)}"
     return f"{place}: {first['msg']}, got {str(first['input'])[:60]!r}"

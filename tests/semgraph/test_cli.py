@@ -100,6 +100,9 @@ def test_help_is_quick() -> None:
     [
         (["run", "course:papr"], "course:paper"),
         (["run", "nowhere"], "nowhere"),
+        (["simulate", "course:paper", "taken"], "taken"),
+        (["simulate", "course:rock", "new"], "course:rocks"),
+        (["simulate", "course:forest", "new", "--set", "stem_map=none.csv"], "none.csv"),
         (["run", "course:paper", "--set", "sed=1"], "seed"),
         (["run", "course:perceptions", "--set", "num_trees=100000"], "num_trees"),
         (["run", "course:paper", "--settings", "none.toml"], "none.toml"),
@@ -122,6 +125,21 @@ def test_a_known_error_is_one_line_and_status_1(
     assert words in done.stderr
     assert "Traceback" not in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+
+
+def test_a_course_is_written_as_a_folder_that_runs_the_same(tmp_path: Path) -> None:
+    options = [f"--set={each}" for each in ("track_radius_m=8", "speed=8", "overlap_s=0.5")]
+    written = semgraph(tmp_path, "simulate", "course:car-park", "written", *options)
+    assert written.returncode == 0, written.stderr
+    assert written.stdout.count("\n") == 1
+    for source, output in (("course:car-park", "one"), ("written", "two")):
+        settings = options if source.startswith("course") else []
+        done = semgraph(tmp_path, "run", source, *settings, "--output", output)
+        assert done.returncode == 0, done.stderr
+    assert "0.000 m" in semgraph(tmp_path, "compare", "one", "two").stdout
+    again = semgraph(tmp_path, "simulate", "course:car-park", "written", *options)
+    assert again.returncode == 1
+    assert "new or empty folder" in again.stderr
 
 
 @pytest.mark.parametrize(

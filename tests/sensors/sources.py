@@ -11,7 +11,7 @@ from semgraph.arrays import FloatArray
 from semgraph.geometry import Pose2
 from semgraph.landmarks import Perceptions
 from sensors.catalog import open_source
-from sensors.measurements import LaserScan, Measurement, Recording, WheelOdometry
+from sensors.measurements import LaserScan, Measurement, Raw, Recording, WheelOdometry
 from sensors.truth import Source
 
 
@@ -40,8 +40,8 @@ def perceptions_of(recording: Recording) -> list[Perceptions]:
     return [m for m in recording.measurements if isinstance(m, Perceptions)]
 
 
-def scans_of(recording: Recording) -> list[LaserScan | Perceptions]:
-    return [m for m in recording.measurements if isinstance(m, LaserScan | Perceptions)]
+def scans_of(recording: Recording) -> list[Raw | Perceptions]:
+    return [m for m in recording.measurements if isinstance(m, Raw | Perceptions)]
 
 
 def odometry_of(recording: Recording) -> list[WheelOdometry]:
@@ -68,7 +68,7 @@ def check_odometry_before_scans(measurements: tuple[Measurement, ...]) -> None:
     for m in measurements:
         if isinstance(m, WheelOdometry):
             known.add(m.stamp_ns)
-        elif isinstance(m, LaserScan | Perceptions) and stamps:
+        elif isinstance(m, Raw | Perceptions) and stamps:
             outside = not stamps[0] <= m.stamp_ns <= stamps[-1]
             assert outside or m.stamp_ns in known
 

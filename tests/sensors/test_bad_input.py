@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 from semgraph.errors import InputError
 from sensors.catalog import open_source
-from sensors.plain_folder import write
+from sensors.plain_writing import write
 from tests.sensors.sources import write_text
 from tests.sensors.test_mrclam import FILES as MRCLAM_FILES
 from tests.sensors.test_plain_folder import HEADER, LASER, PERCEPTIONS, npz

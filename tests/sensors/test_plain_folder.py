@@ -23,7 +23,8 @@ from sensors.measurements import (
     ScannerGeometry,
     WheelOdometry,
 )
-from sensors.plain_folder import PlainOptions, read, write
+from sensors.plain_folder import PlainOptions, read
+from sensors.plain_writing import write
 from sensors.truth import Source, TrueLandmarks, TruePath, Truth
 from tests.sensors.sources import check_recording, opened, perceptions_of, same, write_text
 
@@ -292,8 +293,10 @@ def test_damaged_scans_are_refused(tmp_path: Path, content: bytes, expected: str
 
 
 def test_an_existing_folder_is_not_written_over(tmp_path: Path) -> None:
+    (tmp_path / "recording.toml").write_text("kept")
     with pytest.raises(InputError, match="it is there already"):
         write(opened("victoria-park-graph"), tmp_path)
+    assert (tmp_path / "recording.toml").read_text() == "kept"
 
 
 def test_nothing_is_left_of_a_folder_that_cannot_be_written(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from sensors.simulation.courses.laser_scans import (
     laser_source,
     mounted_laser,
 )
-from sensors.simulation.courses.recorded import true_path
+from sensors.simulation.courses.motion import true_path
 from sensors.simulation.courses.track import Track, beside, drive
 from sensors.simulation.lms151 import Resolution
 from sensors.simulation.world import Thing, World

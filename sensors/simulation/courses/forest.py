@@ -17,7 +17,7 @@ from sensors.simulation.courses.laser_scans import (
     mounted_laser,
     standing_trees,
 )
-from sensors.simulation.courses.recorded import true_path
+from sensors.simulation.courses.motion import true_path
 from sensors.simulation.courses.stem_maps import MarkUnit, stand_from_stem_map
 from sensors.simulation.courses.track import Drive, drive
 from sensors.simulation.lms151 import Resolution

@@ -5,14 +5,15 @@ from typing import Final
 
 import numpy as np
 
-from semgraph.arrays import FloatArray
+from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import InputError
 from sensors.simulation.courses.track import Track
 
 _STEP_M: Final = 0.25
 _LANE_M: Final = 0.2
 _REACH_SHARE: Final = 0.45
-_MAX_CHANGE: Final = 2
+_MAX_CHANGE: Final = 1
+_CHANGE_COST: Final = 0.05
 _STRAIGHTENED_M: Final = 0.6
 
 
@@ -67,7 +68,7 @@ def free_way(
     )
 
 
-def _cheapest_chain(costs: FloatArray) -> FloatArray:
+def _cheapest_chain(costs: FloatArray) -> IntArray:
     """(n,) a column of costs (n, m) for each row, neighbours close together, the ends too."""
     around = np.concatenate([costs, costs, costs])
     changes = np.arange(-_MAX_CHANGE, _MAX_CHANGE + 1)
@@ -76,7 +77,9 @@ def _cheapest_chain(costs: FloatArray) -> FloatArray:
     m = costs.shape[1]
     for k in range(1, len(around)):
         padded = np.pad(best, _MAX_CHANGE, constant_values=np.inf)
-        ways = np.stack([padded[_MAX_CHANGE + c : _MAX_CHANGE + c + m] + c**2 for c in changes])
+        ways = np.stack(
+            [padded[_MAX_CHANGE + c : _MAX_CHANGE + c + m] + _CHANGE_COST * c**2 for c in changes]
+        )
         choice = ways.argmin(axis=0)
         came[k] = np.arange(m) + changes[choice]
         best = ways[choice, np.arange(m)] + around[k]

@@ -11,7 +11,8 @@ from semgraph.arrays import FloatArray, IntArray
 from semgraph.geometry import Pose2
 from semgraph.landmarks import Kind
 from sensors.measurements import LaserScan, OdometryNoise, Recording
-from sensors.simulation.courses.recorded import Recorded, motion_samples
+from sensors.recorded import Recorded
+from sensors.simulation.courses.motion import motion_samples
 from sensors.simulation.courses.track import Drive
 from sensors.simulation.lms151 import Lms151, Motion, Resolution
 from sensors.simulation.ray_casting import visible_arcs

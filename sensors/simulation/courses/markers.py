@@ -10,7 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from semgraph.arrays import IntArray
 from semgraph.landmarks import Kind
 from sensors.measurements import CameraGeometry, CameraImage, Mounting, OdometryNoise, Recording
-from sensors.simulation.courses.recorded import Recorded, motion_samples, true_path
+from sensors.recorded import Recorded
+from sensors.simulation.courses.motion import motion_samples, true_path
 from sensors.simulation.courses.track import Drive, Track, beside, drive
 from sensors.simulation.marker_camera import NUM_IDS, MarkerCamera, OpticalMarkers
 from sensors.truth import Source, TrueLandmarks, Truth
@@ -20,7 +21,7 @@ _CAMERA: Final = CameraGeometry(
     640, 480, 457.0, (319.5, 239.5), Mounting(x_m=0.3, height_m=1.2, pitch=0.05)
 )
 _EDGE_M: Final = 0.3
-_BESIDE_M: Final = (1.5, 3.5)
+_BESIDE_M: Final = (0.8, 2.5)
 _HEIGHTS_M: Final = (0.8, 1.6)
 _TURNS: Final = (0.3, 0.9)
 _TILT_SIGMA: Final = 0.004
@@ -72,11 +73,9 @@ def read(name: str, options: MarkersOptions) -> Source:
 
 
 def _markers(track: Track, count: int, rng: np.random.Generator) -> OpticalMarkers:
-    """Beside the track, facing those who come along it, turned a little towards it."""
-    places, poses = beside(track, count, _BESIDE_M, rng)
-    to_track = poses[:, :2] - places
-    left = to_track[:, 0] * -np.sin(poses[:, 2]) + to_track[:, 1] * np.cos(poses[:, 2])
-    yaws = poses[:, 2] + math.pi - np.sign(left) * rng.uniform(*_TURNS, count)
+    """On the outer side, where one looks in a bend; facing those who come, turned to the track."""
+    places, poses = beside(track, count, _BESIDE_M, rng, sides=(-1.0,))
+    yaws = poses[:, 2] + math.pi - rng.uniform(*_TURNS, count)
     heights_m = rng.uniform(*_HEIGHTS_M, count)
     ids = rng.choice(NUM_IDS, count, replace=False)
     return OpticalMarkers(ids, np.column_stack([places, heights_m]), yaws, _EDGE_M)

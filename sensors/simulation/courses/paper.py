@@ -13,7 +13,7 @@ from sensors.simulation.courses.laser_scans import (
     mounted_laser,
     standing_trees,
 )
-from sensors.simulation.courses.recorded import true_path
+from sensors.simulation.courses.motion import true_path
 from sensors.simulation.courses.track import Track, drive
 from sensors.simulation.lms151 import Resolution
 from sensors.simulation.world import StandSettings, Thing, kept_free, stand_of_trees

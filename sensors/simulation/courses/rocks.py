@@ -9,8 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from semgraph.arrays import IntArray
 from semgraph.landmarks import Kind
 from sensors.measurements import DepthImage, OdometryNoise, Recording
+from sensors.recorded import Recorded
 from sensors.simulation.courses.free_way import Obstacles, free_way
-from sensors.simulation.courses.recorded import Recorded, motion_samples, true_path
+from sensors.simulation.courses.motion import motion_samples, true_path
 from sensors.simulation.courses.track import Drive, drive
 from sensors.simulation.depth_camera import DepthCamera, Scene
 from sensors.simulation.terrain import Terrain, TerrainSettings, rough_terrain
@@ -36,11 +37,11 @@ class RocksOptions(BaseModel):
 
     seed: int = Field(0, ge=0)
     track_radius_m: float = Field(8.0, ge=4.0, le=20.0)
-    rock_share: float = Field(0.05, ge=0.0, le=0.15)
+    rock_share: float = Field(0.03, ge=0.0, le=0.15)
     deviation_m: float = Field(0.04, ge=0.0, le=0.15)
     speed: float = Field(0.8, ge=0.1, le=3.0)
     overlap_s: float = Field(15.0, ge=0.0, le=600.0)
-    image_rate_hz: float = Field(4.0, ge=0.5, le=10.0)
+    image_rate_hz: float = Field(2.0, ge=0.5, le=10.0)
     odometry: bool = True
 
 

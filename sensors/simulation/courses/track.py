@@ -100,15 +100,19 @@ def drive(
 
 
 def beside(
-    track: Track, count: int, between_m: tuple[float, float], rng: np.random.Generator
+    track: Track,
+    count: int,
+    between_m: tuple[float, float],
+    rng: np.random.Generator,
+    sides: tuple[float, ...] = (-1.0, 1.0),
 ) -> tuple[FloatArray, FloatArray]:
-    """(count, 2) places so far from a track, on both of its sides, and (count, 3) poses on it.
+    """(count, 2) places so far from a track, and (count, 3) poses on it beside them.
 
-    They are spread along the track, never evenly.
+    They are spread along the track, never evenly; `sides` are 1 for its left, -1 for its right.
     """
     steps = (np.arange(count) + rng.uniform(0.1, 0.9, count)) / max(count, 1)
     poses = track.poses(steps * track.length_m)
-    aside_m = rng.uniform(*between_m, count) * rng.choice([-1.0, 1.0], count)
+    aside_m = rng.uniform(*between_m, count) * rng.choice(sides, count)
     left = np.column_stack([-np.sin(poses[:, 2]), np.cos(poses[:, 2])])
     return poses[:, :2] + aside_m[:, None] * left, _wrapped(poses)
 

@@ -1,4 +1,4 @@
-"""What the devices of a course record: large measurements are made anew whenever they are asked."""
+"""Measurements of which the large ones are made anew whenever they are asked."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -6,12 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from semgraph.arrays import IntArray
-from sensors.dead_reckoning import in_order_of_time
-from sensors.measurements import Measurement, OdometryNoise, Raw
-from sensors.simulation.courses.track import Drive
-from sensors.simulation.imu import SimulatedImu, simulate_imu
-from sensors.simulation.wheels import simulate_wheels
-from sensors.truth import TruePath
+from sensors.measurements import Measurement, Raw
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,17 +32,3 @@ class Recorded:
             yield self.measure(k)
             done = end
         yield from self.samples[done:]
-
-
-def motion_samples(
-    way: Drive, noise: OdometryNoise | None, rng: np.random.Generator
-) -> list[Measurement]:
-    """What the IMU says at every tick, and the wheels where there is a noise of theirs."""
-    wheels = simulate_wheels(way.stamps_ns, way.poses, noise, rng) if noise is not None else []
-    imu = simulate_imu(way.stamps_ns, way.poses, SimulatedImu(), rng, tilts=way.tilts)
-    return list(in_order_of_time(wheels, imu))
-
-
-def true_path(way: Drive) -> TruePath:
-    """Where base really is, at every tick."""
-    return TruePath(way.stamps_ns, way.poses[:, :2], way.poses[:, 2])
