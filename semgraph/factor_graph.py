@@ -19,6 +19,7 @@ from semgraph.geometry import Pose2, UncertainPose2, frozen_covariance
 # A sighting within this chi-square is taken as it is, one beyond it ever less (DCS; Agarwal 2013).
 _ROBUST_CHI2: Final = 13.8155
 _LEAST_RANGE_M: Final = 1e-3
+_AT_ONCE: Final = 40
 
 
 @dataclass(slots=True, eq=False)
@@ -77,7 +78,8 @@ class FactorGraph:
         self._removed_slots: list[int] = []
         self._pose_guesses = [map_T_start.pose]
         self._landmark_guesses: dict[int, FloatArray] = {}
-        self._isam = _new_isam()
+        self._factorization = "CHOLESKY"
+        self._isam = _new_isam(self._factorization)
         self._estimate = gtsam.Values()
         self._incidents: list[str] = []
         self._new_factors.add(_prior_factor(map_T_start))
@@ -212,10 +214,7 @@ class FactorGraph:
         Takes in what waits for an update; after many merges at once that is quicker than `update`.
         """
         graph, _ = self._whole_graph()
-        params = gtsam.LevenbergMarquardtParams()
-        params.setLinearSolverType("MULTIFRONTAL_QR")
-        optimizer = gtsam.LevenbergMarquardtOptimizer(graph, self._guesses(), params)
-        self._estimate = optimizer.optimize()
+        self._estimate = _optimum(graph, self._guesses(), self._factorization)
         self._rebuild()
         self._empty_queue()
 
@@ -237,12 +236,47 @@ class FactorGraph:
 
     def landmark_covariance(self, landmarks: Sequence[int]) -> FloatArray:
         """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
-        keys = [L(landmark) for landmark in landmarks]
-        return np.asarray(self._isam.jointMarginalCovariance(keys).fullMatrix())
+        return self._joint([L(landmark) for landmark in landmarks])
+
+    def landmark_covariances(self, landmarks: Sequence[int]) -> FloatArray:
+        """(n, 2, 2) marginal covariance of each landmark, in map."""
+        return self._marginals([L(landmark) for landmark in landmarks], 2)
 
     def pose_covariance(self, index: int) -> FloatArray:
         """(3, 3) marginal covariance of a pose, (x, y, theta) in its own frame."""
-        return np.asarray(self._isam.marginalCovariance(X(index)))
+        return self._joint([X(index)])
+
+    def pose_covariances(self, indices: Sequence[int]) -> FloatArray:
+        """(n, 3, 3) marginal covariance of each pose, (x, y, theta) in its own frame."""
+        return self._marginals([X(index) for index in indices], 3)
+
+    def _marginals(self, keys: Sequence[int], size: int) -> FloatArray:
+        """(n, size, size): by the dozen, which costs iSAM2 little more than one."""
+        covariances = np.zeros((len(keys), size, size))
+        for start in range(0, len(keys), _AT_ONCE):
+            some = keys[start : start + _AT_ONCE]
+            n = len(some)
+            joint = self._joint(some).reshape(n, size, n, size)
+            each = np.arange(n)
+            covariances[start : start + n] = joint[each, :, each, :]
+        return 0.5 * (covariances + covariances.transpose(0, 2, 1))
+
+    def _joint(self, keys: Sequence[int]) -> FloatArray:
+        """The covariance of variables together."""
+        try:
+            return self._covariance(keys)
+        except RuntimeError as error:
+            if self._factorization == "QR":
+                raise GraphError(f"no covariance: {_first_line(error)}") from error
+            self._incidents.append(f"no covariance, QR from now on: {_first_line(error)}")
+            self._factorization = "QR"
+            self._rebuild()
+            return self._covariance(keys)
+
+    def _covariance(self, keys: Sequence[int]) -> FloatArray:
+        if len(keys) == 1:
+            return np.asarray(self._isam.marginalCovariance(keys[0]))
+        return np.asarray(self._isam.jointMarginalCovariance(list(keys)).fullMatrix())
 
     def _check_known(self, landmark: int) -> None:
         if landmark not in self._sightings:
@@ -274,18 +308,22 @@ class FactorGraph:
         return graph, sightings
 
     def _rebuild(self) -> None:
-        """A new iSAM2 over the whole log, at the last good estimate.
+        """A new iSAM2 over the whole log, at the last good estimate; by QR if it must be.
 
         Raises:
             GraphError: the log itself cannot be solved.
         """
         graph, sightings = self._whole_graph()
-        isam = _new_isam()
+        isam = _new_isam(self._factorization)
         try:
             isam.update(graph, self._guesses())
             self._estimate = isam.calculateEstimate()
         except (RuntimeError, ValueError, IndexError) as error:
-            raise GraphError(f"the graph cannot be solved: {_first_line(error)}") from error
+            if self._factorization == "QR":
+                raise GraphError(f"the graph cannot be solved: {_first_line(error)}") from error
+            self._factorization = "QR"
+            self._rebuild()
+            return
         first = 1 + len(self._odometry)
         for position, sighting in enumerate(sightings):
             sighting.slot = first + position
@@ -303,16 +341,30 @@ class FactorGraph:
         return values
 
 
-def _new_isam() -> gtsam.ISAM2:
-    """iSAM2 by QR: its Cholesky refuses valid graphs whose sigmas differ by three decades."""
+def _new_isam(factorization: str) -> gtsam.ISAM2:
+    """iSAM2 by Cholesky, or QR: that is slower but takes graphs whose sigmas differ by decades."""
     params = gtsam.ISAM2Params()
-    params.setFactorization("QR")
+    params.setFactorization(factorization)
     params.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(0.01))
     params.setRelinearizeThreshold(0.05)
     params.relinearizeSkip = 1
     params.enablePartialRelinearizationCheck = True
     params.findUnusedFactorSlots = True
     return gtsam.ISAM2(params)
+
+
+def _optimum(
+    graph: gtsam.NonlinearFactorGraph, guesses: gtsam.Values, factorization: str
+) -> gtsam.Values:
+    """The batch optimum; by QR if it must be."""
+    params = gtsam.LevenbergMarquardtParams()
+    params.setLinearSolverType(f"MULTIFRONTAL_{factorization}")
+    try:
+        return gtsam.LevenbergMarquardtOptimizer(graph, guesses, params).optimize()
+    except RuntimeError:
+        if factorization == "QR":
+            raise
+        return _optimum(graph, guesses, "QR")
 
 
 def _check(sighting: Sighting) -> None:

@@ -131,7 +131,11 @@ def find_closures(
         return []
     estimate = graph.estimate().map_t_landmarks
     old = _candidates(graph, recent, estimate)
-    allowed = np.array([[landmarks[a].may_be(landmarks[b]) for b in old] for a in recent])
+    places = [np.array([estimate[each] for each in side]).reshape(-1, 2) for side in (recent, old)]
+    near = np.linalg.norm(places[0][:, None] - places[1][None], axis=2) <= _reach(graph)
+    allowed = np.zeros_like(near)
+    for row, column in np.argwhere(near):
+        allowed[row, column] = landmarks[recent[row]].may_be(landmarks[old[column]])
     if not allowed.any():
         return []
     rows, columns = np.flatnonzero(allowed.any(axis=1)), np.flatnonzero(allowed.any(axis=0))
@@ -189,13 +193,14 @@ def _candidates(
     positions = np.array([estimate[landmark] for landmark in others])
     seen = np.array([estimate[landmark] for landmark in recent])
     distances = np.linalg.norm(positions[:, None] - seen[None], axis=2).min(axis=1)
-    reach_m = _reach(graph.pose_covariance(graph.num_poses - 1))
+    reach_m = _reach(graph)
     order = np.argsort(distances, kind="stable")[:_MAX_OLD]
     return [others[k] for k in order if distances[k] <= reach_m]
 
 
-def _reach(covariance: FloatArray) -> float:
-    """How far what is seen from a pose of this covariance may be from its other self, at 99.9 %."""
+def _reach(graph: FactorGraph) -> float:
+    """How far what is seen from the last pose may be from its other self, at 99.9 %."""
+    covariance = graph.pose_covariance(graph.num_poses - 1)
     largest = float(np.linalg.eigvalsh(covariance[:2, :2])[-1])
     return float(np.clip((2.0 * CHI2_2DOF_999 * largest) ** 0.5, _LEAST_REACH_M, _MAX_REACH_M))
 

@@ -125,31 +125,37 @@ class Smoother:
 
     def covariances(self) -> FloatArray:
         """(n, 3, 3) of the trajectory's poses, each in its own frame."""
-        return np.array(
-            [self._graph.pose_covariance(scan + 1) for scan in range(len(self._stamps_ns))]
-        ).reshape(-1, 3, 3)
+        return self._graph.pose_covariances(range(1, len(self._stamps_ns) + 1))
 
     def landmarks(self) -> tuple[Landmark, ...]:
         """The map: all confirmed landmarks of the graph with their marginal covariances."""
-        return tuple(self._landmark(landmark) for landmark in self._confirmed())
+        return self._as_landmarks(self._confirmed())
 
     def gone(self) -> tuple[Gone, ...]:
         """What was confirmed once and is no longer there."""
-        return tuple(
-            Gone(self._landmark(landmark), known.existence.num_misses)
+        gone = [
+            landmark
             for landmark, known in self._landmarks.items()
             if known.existence.is_gone and self._is_established(known)
+        ]
+        return tuple(
+            Gone(landmark, self._landmarks[landmark.id].existence.num_misses)
+            for landmark in self._as_landmarks(gone)
         )
 
-    def _landmark(self, landmark: int) -> Landmark:
-        known = self._landmarks[landmark]
-        return Landmark(
-            landmark,
-            known.semantics(),
-            self._graph.landmark(landmark),
-            self._graph.landmark_covariance([landmark]),
-            len(self._graph.sightings(landmark)),
-            self._reliability(known),
+    def _as_landmarks(self, landmarks: list[int]) -> tuple[Landmark, ...]:
+        """Values with their marginal covariances."""
+        covariances = self._graph.landmark_covariances(landmarks)
+        return tuple(
+            Landmark(
+                landmark,
+                self._landmarks[landmark].semantics(),
+                self._graph.landmark(landmark),
+                covariance,
+                len(self._graph.sightings(landmark)),
+                self._reliability(self._landmarks[landmark]),
+            )
+            for landmark, covariance in zip(landmarks, covariances, strict=True)
         )
 
     def _confirmed(self) -> list[int]:

@@ -148,11 +148,20 @@ def test_a_failed_update_is_named_and_changes_no_result(
     assert_same(polished(graph), expected)
 
 
+def test_a_rebuild_that_cholesky_refuses_is_done_by_qr(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = drive(9)
+    expected = polished(driven_and_merged(made))
+    Fault({4, 5}).install(monkeypatch)
+    graph = driven_and_merged(made)
+    assert len(graph.incidents) == 1
+    assert_same(polished(graph), expected)
+
+
 def test_a_failed_rebuild_is_one_line_and_the_next_update_mends_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     made = drive(9)
-    Fault({4, 5}).install(monkeypatch)
+    Fault({4, 5, 6}).install(monkeypatch)  # the update, and a rebuild by Cholesky and by QR
     graph = FactorGraph(made.start)
     for pose in range(1, 9):
         add_scan(graph, made, pose)
