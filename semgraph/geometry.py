@@ -115,6 +115,21 @@ class UncertainPose2:
         a_Ad_b = self.pose.adjoint()
         return UncertainPose2(self.pose.inverse(), a_Ad_b @ self.covariance @ a_Ad_b.T)
 
+    def transform(
+        self, points: FloatArray, covariances: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """a_t_points (n, 2) of b_t_points (n, 2), and their covariances (n, 2, 2) in a.
+
+        Each of the pose's and its own together, to first order; what the points share by the pose
+        is left out.
+        """
+        jacobians = np.zeros((len(points), 2, 3))
+        jacobians[:, 0, 0] = jacobians[:, 1, 1] = 1.0
+        jacobians[:, 0, 2], jacobians[:, 1, 2] = -points[:, 1], points[:, 0]
+        in_b = covariances + jacobians @ self.covariance @ jacobians.transpose(0, 2, 1)
+        a_R_b = rotation(self.pose.theta)
+        return self.pose.transform(points), a_R_b @ in_b @ a_R_b.T
+
 
 def frozen_covariance(name: str, values: FloatArray, size: int) -> FloatArray:
     """A read-only (size, size) covariance, made exactly symmetric.

@@ -18,7 +18,7 @@ from semgraph.estimates import Trajectory
 from semgraph.existence import Tally
 from semgraph.factor_graph import FactorGraph, Sighting
 from semgraph.fast_estimator import FastStep
-from semgraph.geometry import Pose2, UncertainPose2, rotation
+from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Gone, Kind, Landmark, Perceptions
 from semgraph.loop_closure import Closure, GraphLandmark, duplicates, find_closures
 from semgraph.tracks import Track
@@ -206,10 +206,9 @@ class Smoother:
         self, tracks: list[Track], rows: list[int], step: FastStep, perceptions: Perceptions
     ) -> None:
         """Notes what moves; where most seem to, it is the robot's pose that jumped."""
-        odom_T_base = step.map_T_base.pose
-        places = odom_T_base.transform(perceptions.base_t_landmarks())
-        odom_R_base = rotation(odom_T_base.theta)
-        covariances = odom_R_base @ perceptions.base_covariances() @ odom_R_base.T
+        places, covariances = step.map_T_base.transform(
+            perceptions.base_t_landmarks(), perceptions.base_covariances()
+        )
         away = [
             track.look(step.stamp_ns, places[row], covariances[row])
             for track, row in zip(tracks, rows, strict=True)
@@ -247,6 +246,7 @@ class Smoother:
         named = self._by_identity.get((kind, identity)) if identity else None
         if named is not None:
             track = Track(named, self._landmarks[named])
+            track.known.num_tracks += 1
         else:
             track = Track(self._next_landmark, GraphLandmark(kind, identity))
             self._next_landmark += 1
