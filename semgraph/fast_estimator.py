@@ -169,7 +169,7 @@ class FastEstimator:
             start = closed_form.map_T_base.pose if isinstance(closed_form, Alignment) else Pose2()
             perceived = perceptions.base_t_landmarks()[matches.rows]
             mapped = near.proposed_t_landmarks[matches.columns]
-            covariances = self._pair_covariances(perceptions, matches)
+            covariances = self._pair_covariances(perceptions, near, matches)
             fused = fuse_with_prior(start, prior, perceived, mapped, covariances)
             residuals = fused.pose.inverse().transform(mapped) - perceived
             distances2 = mahalanobis2(residuals, covariances)
@@ -184,7 +184,9 @@ class FastEstimator:
     ) -> Alignment | NoEstimate:
         if len(perceptions) == 0:
             return NoEstimate(NoEstimateReason.NO_PERCEPTIONS)
-        variances = 0.5 * np.trace(self._pair_covariances(perceptions, matches), axis1=1, axis2=2)
+        variances = 0.5 * np.trace(
+            self._pair_covariances(perceptions, near, matches), axis1=1, axis2=2
+        )
         return align(
             perceptions.base_t_landmarks()[matches.rows],
             near.proposed_t_landmarks[matches.columns],
@@ -192,9 +194,15 @@ class FastEstimator:
             Solve.SIMILARITY if self._is_paper else Solve.RIGID,
         )
 
-    def _pair_covariances(self, perceptions: Perceptions, matches: Matches) -> FloatArray:
-        """(n, 2, 2) in base: of a perception, and of the map around it."""
-        return perceptions.base_covariances()[matches.rows] + self._map_covariance
+    def _pair_covariances(
+        self, perceptions: Perceptions, near: LocalMap, matches: Matches
+    ) -> FloatArray:
+        """(n, 2, 2) in base: of a perception, of its landmark, and of the map around it."""
+        return (
+            perceptions.base_covariances()[matches.rows]
+            + near.covariances[matches.columns]
+            + self._map_covariance
+        )
 
     def _update_map(
         self, perceptions: Perceptions, map_T_base: Pose2, near: LocalMap, matches: Matches

@@ -34,6 +34,7 @@ class LocalMap:
     Attributes:
         ids: (m,) in the map.
         proposed_t_landmarks: (m, 2) m.
+        covariances: (m, 2, 2) m2 of those, as the map has them.
         kinds: (m,).
         diameters_m, diameter_sigmas_m: (m,), NaN where unknown.
         identities: (m,) text.
@@ -41,6 +42,7 @@ class LocalMap:
 
     ids: IntArray
     proposed_t_landmarks: FloatArray
+    covariances: FloatArray
     kinds: IntArray
     diameters_m: FloatArray
     diameter_sigmas_m: FloatArray
@@ -49,7 +51,9 @@ class LocalMap:
     def seen_from(self, proposed_T_base: Pose2) -> "LocalMap":
         """The same landmarks in a better frame."""
         positions = proposed_T_base.inverse().transform(self.proposed_t_landmarks)
-        return replace(self, proposed_t_landmarks=positions)
+        base_R_proposed = rotation(-proposed_T_base.theta)
+        covariances = base_R_proposed @ self.covariances @ base_R_proposed.T
+        return replace(self, proposed_t_landmarks=positions, covariances=covariances)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,9 +93,11 @@ def local_map(
     ]
     ids = np.union1d(ids, [landmark for landmark in named if landmark is not None]).astype(np.int64)
     diameters_m, diameter_sigmas_m = navigation_map.diameters(ids)
+    proposed_R_map = rotation(-map_T_proposed.theta)
     return LocalMap(
         ids,
         map_T_proposed.inverse().transform(navigation_map.positions(ids)),
+        proposed_R_map @ navigation_map.covariances(ids) @ proposed_R_map.T,
         navigation_map.kinds(ids),
         diameters_m,
         diameter_sigmas_m,
