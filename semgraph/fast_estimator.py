@@ -100,7 +100,7 @@ class FastEstimator:
         map_T_base = UncertainPose2(
             map_T_proposed.pose @ estimate.proposed_T_base.pose, estimate.proposed_T_base.covariance
         )
-        landmark_ids = self._update_map(perceptions, map_T_base.pose, near, estimate.matches)
+        landmark_ids = self._update_map(perceptions, map_T_base, near, estimate.matches)
         self._remember(perceptions.stamp_ns, map_T_base)
         return FastStep(
             perceptions.stamp_ns, map_T_base, motion, estimate.closed_form, landmark_ids
@@ -205,12 +205,12 @@ class FastEstimator:
         )
 
     def _update_map(
-        self, perceptions: Perceptions, map_T_base: Pose2, near: LocalMap, matches: Matches
+        self, perceptions: Perceptions, map_T_base: UncertainPose2, near: LocalMap, matches: Matches
     ) -> IntArray:
         """Step 3: matched landmarks are sighted once more, new ones inserted."""
-        map_R_base = rotation(map_T_base.theta)
-        positions = map_T_base.transform(perceptions.base_t_landmarks())
-        covariances = map_R_base @ perceptions.base_covariances() @ map_R_base.T
+        positions, covariances = map_T_base.transform(
+            perceptions.base_t_landmarks(), perceptions.base_covariances()
+        )
         landmark_ids = np.full(len(perceptions), -1, dtype=np.int64)
         landmark_ids[matches.rows] = near.ids[matches.columns]
         sighted = np.unique(landmark_ids[matches.rows], return_index=True)[1]
