@@ -82,12 +82,17 @@ class Evidence:
 class Existence:
     """What is believed of one landmark; looks count once every 0.3 m driven.
 
-    `num_misses` counts the looks since it was last seen.
+    Attributes:
+        log_odds: of being there.
+        tally: its own looks.
+        num_misses: looks in vain since it was last seen.
+        was_there: whether it was believed to be there at any time.
     """
 
     log_odds: float = _START
     tally: Tally = field(default_factory=Tally)
     num_misses: int = 0
+    was_there: bool = False
     _last_hit: Pose2 | None = None
     _last_miss: Pose2 | None = None
 
@@ -98,7 +103,7 @@ class Existence:
 
     @property
     def is_gone(self) -> bool:
-        """Its absence is more probable than nine to one, after it was there or seemed to be."""
+        """Its absence is more probable than nine to one."""
         return self.log_odds < -_THERE
 
     def hit(self, odom_T_base: Pose2, reliability: float, of_kind: Tally) -> None:
@@ -116,24 +121,32 @@ class Existence:
         self._count(of_kind, is_hit=True)
         doubt = _logit(min(max(reliability, 0.01), _DETECTED)) - _logit(_DETECTED)
         self.log_odds = min(self.log_odds + max(_HIT + doubt, 0.0), _LIMIT)
+        self.was_there |= self.is_there
 
-    def miss(self, odom_T_base: Pose2, of_kind: Tally) -> None:
+    def miss(self, odom_T_base: Pose2, of_kind: Tally, *, passed: bool) -> None:
         """It was not perceived, although nothing was before its place.
 
-        That says the less, the less often it, and its kind, are perceived where they should be.
+        Where beams went right through, it is not there. Where they met something, a detector only
+        did not make it out: that says the less, the less often it, and its kind, are perceived
+        where they should be, and nothing against what is known to be there.
         """
         if _is_near(self._last_miss, odom_T_base):
             return
+        detected = _DETECTED
+        if not passed:
+            detected = min(self.tally.rate(of_kind.rate(), _LOOKS_AT_OTHERS), _DETECTED)
+            self._count(of_kind, is_hit=False)
+            if self.is_there:
+                return
         self._last_miss = odom_T_base
         self.num_misses += 1
-        detected = min(self.tally.rate(of_kind.rate(), _LOOKS_AT_OTHERS), _DETECTED)
-        self._count(of_kind, is_hit=False)
         change = float(np.log((1.0 - detected) / (1.0 - _CLUTTER)))
         self.log_odds = max(self.log_odds + min(change, 0.0), -_LIMIT)
 
     def absorb(self, other: "Existence") -> None:
         """Both are one: what says more for it holds, since it was looked for at one place only."""
         self.log_odds = max(self.log_odds, other.log_odds)
+        self.was_there |= other.was_there
         self.tally.hits += other.tally.hits
         self.tally.looks += other.tally.looks
 

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from semgraph.alignment import Alignment, Solve, align, fuse_with_prior
 from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.estimates import NoEstimate, NoEstimateReason
-from semgraph.geometry import Pose2, UncertainPose2, rotation
+from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions
 from semgraph.matching import Assignment, LocalMap, Matches, SweepRule, local_map, match
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from semgraph.absence import Look, count_misses
 from semgraph.arrays import FloatArray
 from semgraph.estimates import Trajectory
 from semgraph.existence import Tally
@@ -33,7 +34,7 @@ class SmootherSettings(BaseModel):
     start_sigma_m: float = Field(1e-3, gt=0.0)
     start_sigma_rad: float = Field(1e-4, gt=0.0)
     min_sightings: int = Field(3, ge=1)
-    least_seconds: float = Field(0.3, ge=0.0)
+    least_seconds: float = Field(1.0, ge=0.0)
     update_every_scans: int = Field(5, ge=1)
     closure_odds: float = Field(100.0, gt=1.0)
     duplicate_odds: float = Field(10.0, gt=1.0)
@@ -42,12 +43,8 @@ class SmootherSettings(BaseModel):
 
 # Fewer scans without a sighting are an interruption, not a loop.
 _LOOP_SCANS: Final = 100
-# Landmarks seen within so many scans of each other lie well to each other.
-_SEEN_TOGETHER_SCANS: Final = 20
 # Among fewer things nobody can tell whether the robot or the thing moves.
 _LEAST_TO_JUDGE: Final = 3
-# A thing whose diameter nobody knows: rather too small, then fewer looks count against it.
-_SOME_DIAMETER_M: Final = 0.1
 
 
 class Smoother:
@@ -99,7 +96,7 @@ class Smoother:
         if len(self._stamps_ns) % self._settings.update_every_scans == 0:
             self._update()
             if views:
-                self._miss(scan, odom_T_base, views)
+                self._miss(Look(odom_T_base, self._guess, perceptions, views))
 
     def finish(self, note: Callable[[str], None]) -> None:
         """The batch optimum, with duplicates that only the whole run reveals made one.
@@ -136,7 +133,7 @@ class Smoother:
         gone = [
             landmark
             for landmark, known in self._landmarks.items()
-            if known.existence.is_gone and self._is_established(known)
+            if known.existence.is_gone and known.existence.was_there and self._is_established(known)
         ]
         return tuple(
             Gone(landmark, self._landmarks[landmark.id].existence.num_misses)
@@ -279,37 +276,19 @@ class Smoother:
                 del self._landmarks[track.landmark]
         self._moving.clear()
 
-    def _miss(self, scan: int, odom_T_base: Pose2, views: Sequence[View]) -> None:
-        """Counts against all landmarks that the scan should show and did not.
-
-        Only where a landmark in sight was seen together with them before: then drift is no excuse.
-        """
-        around = [track.known for track in self._in_sight() if track.known.existence.is_there]
-        sighted = {id(known) for known in around}
-        known = self._landmarks
-        hidden = [
-            landmark
-            for landmark, each in known.items()
-            if id(each) not in sighted
-            and not each.existence.is_gone
-            and each.num_sightings >= self._settings.min_sightings
-        ]
-        if not hidden or not around:
-            return
-        places = np.array([self._graph.landmark(landmark) for landmark in hidden])
-        diameters_m = np.nan_to_num(
-            [known[landmark].diameter()[0] for landmark in hidden], nan=_SOME_DIAMETER_M
-        )
-        seen = np.any([view.sees(self._guess, places, diameters_m) for view in views], axis=0)
-        for k in np.flatnonzero(seen).tolist():
-            missed = known[hidden[k]]
-            if any(_lie_well(missed, other) for other in around):
-                missed.existence.miss(odom_T_base, self._looks[missed.kind])
-                if missed.existence.is_gone:
-                    self._events.append(
-                        f"gone at scan {scan}: {missed.kind.label} {hidden[k]}, last sighted at "
-                        f"scan {max(missed.scans)}, {missed.existence.num_misses} looks in vain"
-                    )
+    def _miss(self, look: Look) -> None:
+        """Counts against all landmarks that the scan should show and did not."""
+        least = self._settings.min_sightings
+        known = {k: each for k, each in self._landmarks.items() if each.num_sightings >= least}
+        in_sight = {track.landmark for track in self._in_sight()}.intersection(known)
+        places = self._graph.estimate().map_t_landmarks
+        for landmark in count_misses(look, known, places, in_sight, self._looks):
+            gone = known[landmark]
+            if gone.existence.was_there:
+                self._events.append(
+                    f"gone at scan {len(self._stamps_ns) - 1}: {gone.kind.label} {landmark}, last "
+                    f"sighted at scan {max(gone.scans)}, {gone.existence.num_misses} looks in vain"
+                )
 
     def _update(self) -> None:
         """One iSAM2 update for the scans since the last, then a look for closed loops."""
@@ -347,10 +326,3 @@ class Smoother:
             f"{what} at scan {len(self._stamps_ns) - 1}: {old.kind.label} {closure.recent} is "
             f"{closure.old}, unseen for {unseen} scans, log odds {closure.log_odds:.1f}"
         )
-
-
-def _lie_well(missed: GraphLandmark, sighted: GraphLandmark) -> bool:
-    """Whether both were seen at about the same time."""
-    last = max(missed.scans)
-    reach = range(last - _SEEN_TOGETHER_SCANS, last + _SEEN_TOGETHER_SCANS + 1)
-    return not sighted.scans.isdisjoint(reach)

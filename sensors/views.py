@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from semgraph.arrays import BoolArray, FloatArray
+from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.geometry import Pose2, wrap_angle
 from sensors.measurements import LaserScan
 
@@ -13,6 +13,8 @@ from sensors.measurements import LaserScan
 _LEAST_BEAMS: Final = 3
 # What stands this much before a thing's front hides it.
 _BEFORE_M: Final = 0.3
+# What is met this much behind a thing's back is something else.
+_BEHIND_M: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,17 +48,41 @@ class View:
         In the field of view with three beams or more, and nothing nearer on any of them or on the
         neighbours.
         """
-        m = len(self.clear_m)
+        fronts_m, lower, upper = self._beams_on(map_T_base, map_t_things, diameters_m)
+        lower, upper = lower - 1, upper + 1
+        seen: BoolArray = (lower >= 0) & (upper < len(self.clear_m))
+        seen &= upper - lower + 1 >= _LEAST_BEAMS + 2
+        for k in np.flatnonzero(seen):
+            seen[k] = self.clear_m[lower[k] : upper[k] + 1].min() >= fronts_m[k] - _BEFORE_M
+        return seen
+
+    def passes(
+        self, map_T_base: Pose2, map_t_things: FloatArray, diameters_m: FloatArray
+    ) -> BoolArray:
+        """(n,) whether beams went right through the places (n, 2) of round things.
+
+        Of those that `sees` looks at, all that point to the middle half of the thing met nothing
+        until behind it.
+        """
+        fronts_m, lower, upper = self._beams_on(map_T_base, map_t_things, 0.5 * diameters_m)
+        passed = self.sees(map_T_base, map_t_things, diameters_m)
+        behind_m = fronts_m + 0.75 * diameters_m + _BEHIND_M
+        for k in np.flatnonzero(passed):
+            beams = self.clear_m[lower[k] : upper[k] + 1]
+            passed[k] = len(beams) > 0 and beams.min() >= behind_m[k]
+        return passed
+
+    def _beams_on(
+        self, map_T_base: Pose2, map_t_things: FloatArray, diameters_m: FloatArray
+    ) -> tuple[FloatArray, IntArray, IntArray]:
+        """(n,) how far the fronts of round things are, and the first and last beam on each."""
         sensor_t_things = (map_T_base @ self.base_T_sensor).inverse().transform(map_t_things)
         distances_m = np.hypot(sensor_t_things[:, 0], sensor_t_things[:, 1])
         halves = np.arcsin(np.clip(0.5 * diameters_m / np.maximum(distances_m, 1e-9), 0.0, 1.0))
-        middle = self.first + 0.5 * (m - 1) * self.increment
+        last = len(self.clear_m) - 1
+        middle = self.first + 0.5 * last * self.increment
         from_middle = wrap_angle(np.arctan2(sensor_t_things[:, 1], sensor_t_things[:, 0]) - middle)
-        beams = 0.5 * (m - 1) + from_middle / self.increment
+        beams = 0.5 * last + from_middle / self.increment
         lower = np.ceil(beams - halves / self.increment).astype(np.int64)
         upper = np.floor(beams + halves / self.increment).astype(np.int64)
-        seen: BoolArray = (upper - lower + 1 >= _LEAST_BEAMS) & (lower >= 1) & (upper < m - 1)
-        for k in np.flatnonzero(seen):
-            nearest_m = self.clear_m[lower[k] - 1 : upper[k] + 2].min()
-            seen[k] = nearest_m >= distances_m[k] - 0.5 * diameters_m[k] - _BEFORE_M
-        return seen
+        return distances_m - 0.5 * diameters_m, lower, upper

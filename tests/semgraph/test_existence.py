@@ -8,14 +8,16 @@ from semgraph.existence import Evidence, Existence, Tally
 from semgraph.geometry import Pose2
 
 
-def looked_at(outcomes: list[bool], reliability: float = 1.0, step_m: float = 0.5) -> Existence:
+def looked_at(
+    outcomes: list[bool], reliability: float = 1.0, step_m: float = 0.5, *, passed: bool = True
+) -> Existence:
     existence, of_kind = Existence(), Tally(hits=850.0, looks=1000.0)
     for k, is_hit in enumerate(outcomes):
         place = Pose2(step_m * k, 0.0, 0.0)
         if is_hit:
             existence.hit(place, reliability, of_kind)
         else:
-            existence.miss(place, of_kind)
+            existence.miss(place, of_kind, passed=passed)
     return existence
 
 
@@ -30,7 +32,7 @@ def test_looks_from_one_place_are_one_look() -> None:
     assert looked_at([True] * 50, step_m=0.001).log_odds == looked_at([True]).log_odds
     once = looked_at([True, True, False]).log_odds
     existence = looked_at([True, True, False])
-    existence.miss(Pose2(1.0, 0.1, 0.0), Tally())
+    existence.miss(Pose2(1.0, 0.1, 0.0), Tally(), passed=True)
     assert existence.log_odds == once
 
 
@@ -45,13 +47,25 @@ def test_one_or_two_misses_end_nothing_that_is_sure() -> None:
     assert looked_at([True] * 10 + [False] * 2 + [True]).is_there
 
 
+def test_what_was_there_is_not_gone_as_long_as_beams_meet_something_in_its_place() -> None:
+    assert looked_at([True] * 10 + [False] * 50, passed=False).is_there
+    assert not looked_at([True] * 10 + [False] * 50, passed=True).is_there
+
+
+def test_what_was_never_there_is_dropped_but_was_not_there() -> None:
+    dropped = looked_at([True, False, False, False, False], passed=False)
+    assert dropped.log_odds < looked_at([True]).log_odds
+    assert not dropped.was_there
+    assert looked_at([True, True] + [False] * 5).was_there
+
+
 def test_what_is_seldom_perceived_is_not_gone_for_being_missed() -> None:
     now_and_then = [True, False, False, False] * 10
-    assert not looked_at(now_and_then + [False] * 3).is_gone
+    assert not looked_at(now_and_then + [False] * 3, passed=False).is_gone
 
 
 def test_what_fires_now_and_then_where_it_is_looked_for_is_not_there_at_once() -> None:
-    assert not looked_at([True, False, False] * 2).is_there
+    assert not looked_at([True, False, False] * 2, passed=False).is_there
 
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0))

@@ -55,6 +55,7 @@ def mapped_at(
     return LocalMap(
         np.arange(n) + 100,
         points,
+        np.zeros((n, 2, 2)),
         np.full(n, kinds) if isinstance(kinds, Kind) else kinds,
         diameters,
         0.01 * diameters,

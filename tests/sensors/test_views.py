@@ -44,6 +44,21 @@ def test_behind_another_thing_nothing_shows_and_in_its_own_place_it_does() -> No
     assert seen(view, (6.0, 0.0), (4.1, 0.0), (3.0, 0.0)) == [False, True, True]
 
 
+def through(view: View, place: tuple[float, float], diameter_m: float = 0.3) -> bool:
+    map_T_base = Pose2(3.0, -2.0, 1.0)
+    there = (map_T_base @ GEOMETRY.base_T_laser).transform(np.array([place]))
+    return bool(view.passes(map_T_base, there, np.array([diameter_m]))[0])
+
+
+def test_beams_pass_where_they_meet_nothing_until_behind() -> None:
+    for range_m, expected in ((4.0, False), (5.2, False), (6.5, True), (np.inf, True)):
+        ranges_m = np.full(401, np.inf)
+        ranges_m[200] = range_m
+        assert through(view_of(ranges_m), (5.0, 0.0)) == expected
+    assert not through(view_of(np.full(401, np.nan)), (5.0, 0.0))
+    assert not through(view_of(np.full(401, np.inf)), (20.0, 0.0))
+
+
 @pytest.mark.parametrize("code", [np.nan, -np.inf])
 def test_beams_that_are_not_valid_say_nothing(code: float) -> None:
     assert seen(view_of(np.full(401, code)), (5.0, 0.0)) == [False]
@@ -72,5 +87,7 @@ def test_what_says_it_should_show_is_hit_in_a_simulated_scan(seed: int) -> None:
     view = View.of_scan(device.scan(without, pose, rng))
     base_T_laser = device.geometry.base_T_laser
     map_T_base = pose @ base_T_laser.inverse()
+    whole = View.of_scan(device.scan(world, pose, rng))
+    assert not whole.passes(map_T_base, places[:1], np.array([0.3]))[0]
     if view.sees(map_T_base, places[:1], np.array([0.3]))[0]:
         assert (device.echoes(world, pose, rng).sources == 0).any()
