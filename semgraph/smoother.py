@@ -17,7 +17,8 @@ from semgraph.absence import Look, count_misses
 from semgraph.arrays import FloatArray
 from semgraph.estimates import Trajectory
 from semgraph.existence import Tally
-from semgraph.factor_graph import FactorGraph, Sighting
+from semgraph.factor_graph import FactorGraph
+from semgraph.factors import Sighting
 from semgraph.fast_estimator import FastStep
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Gone, Kind, Landmark, Perceptions

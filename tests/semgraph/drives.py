@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from semgraph.factor_graph import FactorGraph, Sighting
+from semgraph.factor_graph import FactorGraph
+from semgraph.factors import Sighting
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.measurement_model import predict
 

@@ -10,7 +10,8 @@ from gtsam.symbol_shorthand import L, X
 from scipy.optimize import OptimizeResult, least_squares
 
 from semgraph.arrays import FloatArray
-from semgraph.factor_graph import FactorGraph, Sighting
+from semgraph.factor_graph import FactorGraph
+from semgraph.factors import Sighting
 from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
 from semgraph.measurement_model import jacobians, predict
 from tests.semgraph.drives import (

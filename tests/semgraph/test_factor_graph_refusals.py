@@ -8,7 +8,8 @@ import pytest
 
 from semgraph.arrays import FloatArray
 from semgraph.errors import GraphError, SemgraphError
-from semgraph.factor_graph import FactorGraph, Sighting
+from semgraph.factor_graph import FactorGraph
+from semgraph.factors import Sighting
 from semgraph.geometry import Pose2, UncertainPose2
 from tests.semgraph.drives import (
     NOISE,

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from semgraph.factor_graph import FactorGraph, Sighting
+from semgraph.factor_graph import FactorGraph
+from semgraph.factors import Sighting
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Kind, Perceptions, Tree, polar_covariances
 from semgraph.loop_closure import Closure, GraphLandmark, duplicates, find_closures

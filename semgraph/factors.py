@@ -1,0 +1,93 @@
+"""What the graph is made of: odometry and sightings, as values and as GTSAM's factors."""
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import L, X
+
+from semgraph.arrays import FloatArray
+from semgraph.errors import GraphError
+from semgraph.geometry import Pose2, UncertainPose2, frozen_covariance
+
+# A sighting within this chi-square is taken as it is, one beyond it ever less (DCS; Agarwal 2013).
+_ROBUST_CHI2: Final = 13.8155
+_LEAST_RANGE_M: Final = 1e-3
+
+
+@dataclass(slots=True, eq=False)
+class Sighting:
+    """One bearing-range factor: pose `pose` saw landmark `landmark`.
+
+    `covariance` (2, 2) is of (range, bearing). `landmark` changes when landmarks are merged,
+    `slot` is the factor's place in iSAM2.
+    """
+
+    pose: int
+    landmark: int
+    range_m: float
+    bearing: float
+    covariance: FloatArray
+    slot: int = field(default=-1, init=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Odometry:
+    """One between factor: `motion` is start_T_end."""
+
+    start: int
+    end: int
+    motion: UncertainPose2
+
+
+def check_sighting(sighting: Sighting) -> None:
+    """Raises GraphError where GTSAM would take nonsense in silence."""
+    if not (_LEAST_RANGE_M <= sighting.range_m < np.inf and np.isfinite(sighting.bearing)):
+        raise GraphError(
+            f"sighting of landmark {sighting.landmark}: expected a positive range and a finite "
+            f"bearing, got {sighting.range_m} m and {sighting.bearing} rad"
+        )
+    covariance = frozen_covariance("sighting covariance", sighting.covariance, 2)
+    check_definite(f"sighting of landmark {sighting.landmark}", covariance)
+
+
+def check_definite(name: str, covariance: FloatArray) -> None:
+    """Raises GraphError where a covariance is not positive definite."""
+    try:
+        np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        raise GraphError(f"{name}: expected a positive definite covariance") from None
+
+
+def prior_factor(map_T_start: UncertainPose2) -> gtsam.PriorFactorPose2:
+    """Where the start is."""
+    noise = gtsam.noiseModel.Gaussian.Covariance(map_T_start.covariance)
+    return gtsam.PriorFactorPose2(X(0), to_gtsam(map_T_start.pose), noise)
+
+
+def odometry_factor(odometry: Odometry) -> gtsam.BetweenFactorPose2:
+    """The motion between two poses."""
+    noise = gtsam.noiseModel.Gaussian.Covariance(odometry.motion.covariance)
+    motion = to_gtsam(odometry.motion.pose)
+    return gtsam.BetweenFactorPose2(X(odometry.start), X(odometry.end), motion, noise)
+
+
+def sighting_factor(sighting: Sighting) -> gtsam.BearingRangeFactor2D:
+    """A sighting, by a robust kernel; GTSAM's order is bearing first."""
+    noise = gtsam.noiseModel.Robust.Create(
+        gtsam.noiseModel.mEstimator.DCS.Create(_ROBUST_CHI2),
+        gtsam.noiseModel.Gaussian.Covariance(sighting.covariance[::-1, ::-1]),
+    )
+    return gtsam.BearingRangeFactor2D(
+        X(sighting.pose),
+        L(sighting.landmark),
+        gtsam.Rot2(sighting.bearing),
+        sighting.range_m,
+        noise,
+    )
+
+
+def to_gtsam(pose: Pose2) -> gtsam.Pose2:
+    """The same pose."""
+    return gtsam.Pose2(pose.x, pose.y, pose.theta)
