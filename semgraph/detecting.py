@@ -123,4 +123,4 @@ def _perceived(recording: Recording, perceiver: Perceiver) -> Iterator[Seen]:
         elif isinstance(measurement, ImuSample):
             perceiver.lean(measurement)
         elif isinstance(measurement, Raw):
-            yield measurement, perceiver.perceive(measurement)
+            yield measurement, perceiver.perceive(measurement).perceptions

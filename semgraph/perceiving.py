@@ -1,5 +1,6 @@
 """What a measurement shows: filters, then detectors, both of which may change while running."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, final
 
@@ -12,6 +13,7 @@ from sensors.filters.chain import Chain, FilterSettings, apply_chain, build_chai
 from sensors.filters.context import ScanContext
 from sensors.filters.deskewing import DeskewSettings, deskew_perceptions
 from sensors.measurements import ImuSample, LaserScan, Raw, Recording, Tilt
+from sensors.views import View
 
 
 def chosen_detectors(recording: Recording, settings: Settings) -> Choices:
@@ -34,6 +36,19 @@ def chosen_filters(recording: Recording, settings: Settings) -> list[FilterSetti
     if settings.filters is None:
         return filter_settings(recording.filters)
     return filter_settings(settings.filters)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Perceived:
+    """What a measurement shows, relative to base.
+
+    Attributes:
+        perceptions: what the detectors found.
+        view: how far a laser saw, by what its filters left; None of other sensors.
+    """
+
+    perceptions: Perceptions
+    view: View | None = None
 
 
 @final
@@ -84,8 +99,8 @@ class Perceiver:
             x, y, turn = (last_T_current.as_array() / seconds).tolist()
             self._twist = (x, y, turn)
 
-    def perceive(self, measurement: Raw) -> Perceptions:
-        """What the detectors find in it, relative to base.
+    def perceive(self, measurement: Raw) -> Perceived:
+        """What it shows.
 
         Raises:
             InputError: no detector looks at such measurements.
@@ -97,10 +112,11 @@ class Perceiver:
                 f"{type(measurement).__name__}; name one, say --set detectors.trees-2d={{}}"
             )
         if not isinstance(measurement, LaserScan):
-            return self._bank.perceive(measurement)
+            return Perceived(self._bank.perceive(measurement))
         context = ScanContext(self._twist, self._tilt)
         scan = apply_chain(self._chain, measurement, context)
-        return self._bank.perceive(scan, lambda found: self._deskewed(found, scan, context))
+        found = self._bank.perceive(scan, lambda found: self._deskewed(found, scan, context))
+        return Perceived(found, View.of_scan(scan))
 
     def _deskewed(self, found: Perceptions, scan: LaserScan, context: ScanContext) -> Perceptions:
         """Not the scan is deskewed but what is found in it: that is exact."""

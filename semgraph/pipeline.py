@@ -21,7 +21,7 @@ from semgraph.settings import Settings
 from semgraph.smoother import Smoother
 from semgraph.trace import Trace
 from semgraph.yaw_rates import YawRateLog
-from sensors.measurements import ImuSample, LaserScan, Raw, Recording, WheelOdometry
+from sensors.measurements import ImuSample, Raw, Recording, WheelOdometry
 from sensors.views import View
 
 
@@ -160,10 +160,11 @@ def moments(recording: Recording, perceiver: Perceiver, imu: YawRateLog) -> Iter
         elif isinstance(measurement, Perceptions):
             now.parts.append(measurement)
         elif isinstance(measurement, Raw):
-            now.parts.append(perceiver.perceive(measurement))
+            perceived = perceiver.perceive(measurement)
+            now.parts.append(perceived.perceptions)
             now.measurements.append(measurement)
-            if isinstance(measurement, LaserScan):
-                now.views.append(View.of_scan(measurement))
+            if perceived.view is not None:
+                now.views.append(perceived.view)
     if now.parts:
         yield now.take(wheels)
 

@@ -61,11 +61,12 @@ class InvalidSettings(BaseModel):
 
 
 def limit_range(scan: LaserScan, settings: RangeSettings) -> LaserScan:
-    """The scan with -inf below the limits and +inf above."""
+    """The scan with -inf below the limits and +inf above; it reaches no farther than they do."""
     ranges_m = scan.ranges_m.copy()
     ranges_m[ranges_m < settings.min_m] = -np.inf
     ranges_m[ranges_m > settings.max_m] = np.inf
-    return replace(scan, ranges_m=ranges_m)
+    reach_m = max(min(scan.geometry.range_max_m, settings.max_m), scan.geometry.range_min_m + 1e-3)
+    return replace(scan, ranges_m=ranges_m, geometry=replace(scan.geometry, range_max_m=reach_m))
 
 
 def limit_field(scan: LaserScan, settings: FieldSettings) -> LaserScan:

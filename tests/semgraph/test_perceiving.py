@@ -1,5 +1,6 @@
 """Filters and detectors of a run, changed while it goes on."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,15 +31,15 @@ def perceiver(*assignments: str, live: Path | None = None) -> Perceiver:
 
 
 def test_filters_come_before_detectors() -> None:
-    assert len(perceiver().perceive(scan_with_posts(0))) == 2
+    assert len(perceiver().perceive(scan_with_posts(0)).perceptions) == 2
     near = perceiver('filters=[{name = "range", max_m = 8.0}]')
-    assert len(near.perceive(scan_with_posts(0))) == 1
+    assert len(near.perceive(scan_with_posts(0)).perceptions) == 1
 
 
 def test_settings_change_between_two_scans_and_none_is_lost(tmp_path: Path) -> None:
     live = tmp_path / "live.toml"
     running = perceiver(live=live)
-    counts = [len(running.perceive(scan_with_posts(0)))]
+    counts = [len(running.perceive(scan_with_posts(0)).perceptions)]
     for text in (
         '[[filters]]\nname = "range"\nmax_m = 8.0\n',
         "[detectors]\nreflectors = false\n[detectors.trees-2d]\n",
@@ -47,7 +48,7 @@ def test_settings_change_between_two_scans_and_none_is_lost(tmp_path: Path) -> N
         "",
     ):
         live.write_text(text)
-        counts.append(len(running.perceive(scan_with_posts(1))))
+        counts.append(len(running.perceive(scan_with_posts(1)).perceptions))
     assert counts[:2] == [2, 1]
     assert counts[2] == counts[3] == counts[4]
     assert counts[5] == 2
@@ -58,9 +59,9 @@ def test_settings_change_between_two_scans_and_none_is_lost(tmp_path: Path) -> N
 
 def test_what_is_found_is_carried_to_the_stamp_by_the_motion() -> None:
     turning = perceiver('filters=[{name = "deskew", sweep_s = 0.04, stamp_position = 0.0}]')
-    still = turning.perceive(scan_with_posts(0))
+    still = turning.perceive(scan_with_posts(0)).perceptions
     turning.moved(Pose2(0.0, 0.0, 0.1), 0.1)
-    moved = turning.perceive(scan_with_posts(1))
+    moved = turning.perceive(scan_with_posts(1)).perceptions
     turned = moved.bearings - still.bearings
     assert turned[0] == pytest.approx(0.02, abs=0.001)
     assert turned[1] == pytest.approx(0.04 * 181 / 200, abs=0.001)
@@ -85,3 +86,14 @@ def test_bad_choices_are_refused_at_the_start(assignment: str) -> None:
     with pytest.raises(SettingsError) as error:
         perceiver(assignment)
     assert "\n" not in str(error.value)
+
+
+def test_a_view_is_of_the_filtered_scan_and_a_device_code_is_clear_sight() -> None:
+    """0.0 m of an LMS1xx is no return, not a thing right before the laser."""
+    scan = scan_with_posts(0)
+    coded = replace(scan, ranges_m=np.where(np.isinf(scan.ranges_m), 0.0, scan.ranges_m))
+    there = (Pose2(), np.array([[0.0, 6.0]]), np.array([0.6]))
+    for filters, sees in (('[{name="invalid"}]', True), ('[{name="range",max_m=5.0}]', False)):
+        view = perceiver(f"filters={filters}").perceive(coded).view
+        assert view is not None
+        assert view.sees(*there)[0] == sees
