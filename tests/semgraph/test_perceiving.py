@@ -92,8 +92,9 @@ def test_a_view_is_of_the_filtered_scan_and_a_device_code_is_clear_sight() -> No
     """0.0 m of an LMS1xx is no return, not a thing right before the laser."""
     scan = scan_with_posts(0)
     coded = replace(scan, ranges_m=np.where(np.isinf(scan.ranges_m), 0.0, scan.ranges_m))
-    there = (Pose2(), np.array([[0.0, 6.0]]), np.array([0.6]))
-    for filters, sees in (('[{name="invalid"}]', True), ('[{name="range",max_m=5.0}]', False)):
+    there = (Pose2(), np.array([[5.0, 3.0]]), np.array([0.6]))
+    codes, near = '{name="invalid"}', '{name="range",max_m=5.0}'
+    for filters, sees in ((f"[{codes}]", True), (f"[{codes},{near}]", False), ("[]", False)):
         view = perceiver(f"filters={filters}").perceive(coded).view
         assert view is not None
         assert view.sees(*there)[0] == sees

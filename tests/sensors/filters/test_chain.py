@@ -57,7 +57,7 @@ def test_a_scan_of_nothing_stays_one(name: str, value: float, num_beams: int) ->
     assert len(filtered.ranges_m) == num_beams
     assert not np.isfinite(filtered.ranges_m).any()
     if value == np.inf and name not in MOVED:
-        same_scan(filtered, scan)
+        np.testing.assert_array_equal(filtered.ranges_m, scan.ranges_m)
 
 
 @pytest.mark.parametrize("name", ["range", "field", "invalid"])
