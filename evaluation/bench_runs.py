@@ -137,12 +137,15 @@ def _paper_lap(seed: int) -> _Lap:
 
 
 def _person(seed: int) -> int:
-    """How many false landmarks of a run with a person the same run without does not have."""
-    (source, alone), (_, result) = (
+    """How many landmarks where a person walked the same run without the person does not have."""
+    (source, alone), (walked, result) = (
         _run("course:forest", seed=seed, person=person) for person in (False, True)
     )
+    places = _places(walked, result, result.landmarks)
     without = np.vstack([_places(source, alone, alone.landmarks), _standing(source)])
-    return int((_distances(_places(source, result, result.landmarks), without) > _SAME_M).sum())
+    is_extra = _distances(places, without) > _SAME_M
+    is_where_walked = _distances(places, _known(walked.truth.walked)) <= _SAME_M
+    return int((is_extra & is_where_walked).sum())
 
 
 def _felled(seed: int) -> _Felled:

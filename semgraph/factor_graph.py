@@ -30,6 +30,7 @@ from semgraph.information import Information
 
 # Entries of the Bayes tree a column, from which on a graph is dense.
 _DENSE: Final = 200
+_AT_ONCE: Final = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -243,21 +244,27 @@ class FactorGraph:
         iSAM2 needs the cliques between them; where these are large, in a dense stand, the sparse
         matrix of the whole graph is tenfold quicker.
         """
-        num_columns = 3 * self.num_poses + 2 * len(self._sightings)
-        if self._isam.treeNnz() < _DENSE * num_columns:
-            return self._by_isam(keys)
         try:
-            return self._information().covariance(np.concatenate([self._columns[k] for k in keys]))
-        except GraphError:
-            return self._by_isam(keys)
+            if self._is_dense():
+                information = self._information()
+                return information.covariance(np.concatenate([self._columns[k] for k in keys]))
+        except GraphError as error:
+            self._incidents.append(f"covariance by iSAM2: {error}")
+        return self._by_isam(keys)
 
     def _marginals(self, keys: Sequence[int], size: int) -> FloatArray:
-        if not keys:
-            return np.zeros((0, size, size))
-        try:
-            return self._information().marginals(np.array([self._columns[k] for k in keys]))
-        except GraphError:
-            return np.array([self._by_isam([key]) for key in keys])
+        """(n, size, size): by the dozen, which costs little more than one."""
+        covariances = np.zeros((len(keys), size, size))
+        for start in range(0, len(keys), _AT_ONCE):
+            some = keys[start : start + _AT_ONCE]
+            joint = self._joint(some).reshape(len(some), size, len(some), size)
+            each = np.arange(len(some))
+            covariances[start : start + len(some)] = joint[each, :, each, :]
+        return covariances
+
+    def _is_dense(self) -> bool:
+        num_columns = 3 * self.num_poses + 2 * len(self._sightings)
+        return bool(self._isam.treeNnz() >= _DENSE * num_columns)
 
     def _by_isam(self, keys: Sequence[int]) -> FloatArray:
         try:

@@ -1,6 +1,6 @@
 """Covariances out of a sparse information matrix."""
 
-from typing import Final, final
+from typing import final
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags
@@ -8,8 +8,6 @@ from scipy.sparse.linalg import splu
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import GraphError
-
-_AT_ONCE: Final = 120
 
 
 @final
@@ -59,19 +57,3 @@ class Information:
         except np.linalg.LinAlgError:
             raise GraphError("no covariance: the graph is nearly singular") from None
         return covariance
-
-    def marginals(self, columns: IntArray) -> FloatArray:
-        """(n, k, k) covariance of each row of columns (n, k).
-
-        Raises:
-            GraphError: as above.
-        """
-        n, k = columns.shape
-        covariances = np.zeros((n, k, k))
-        step = max(1, _AT_ONCE // k)
-        for start in range(0, n, step):
-            some = columns[start : start + step]
-            joint = self.covariance(some.ravel()).reshape(len(some), k, len(some), k)
-            each = np.arange(len(some))
-            covariances[start : start + step] = joint[each, :, each, :]
-        return covariances

@@ -173,11 +173,17 @@ class Smoother:
         ]
 
     def _is_established(self, known: GraphLandmark) -> bool:
-        """Whether it was sighted often and long enough, and rather is what it seems than not."""
-        first_ns, last_ns = (self._stamps_ns[scan] for scan in (min(known.scans), max(known.scans)))
+        """Whether it was sighted often and long enough, and rather is what it seems than not.
+
+        Long in one stretch: somebody may walk by the same place twice. An identity is the same
+        whenever it is sighted.
+        """
+        longest_ns = known.longest_ns
+        if known.identity:
+            longest_ns = self._stamps_ns[max(known.scans)] - self._stamps_ns[min(known.scans)]
         return (
             known.num_sightings >= self._settings.min_sightings
-            and last_ns - first_ns >= self._settings.least_seconds * 1e9
+            and longest_ns >= self._settings.least_seconds * 1e9
             and self._reliability(known) > 0.5
         )
 
@@ -223,6 +229,7 @@ class Smoother:
             self._landmarks[track.landmark] = track.known
         track.last_scan = scan
         track.known.sight(scan, perceptions, row)
+        track.known.longest_ns = max(track.known.longest_ns, perceptions.stamp_ns - track.first_ns)
         count, total = self._reliabilities[track.known.kind]
         reliability = float(perceptions.reliabilities[row])
         self._reliabilities[track.known.kind] = (count + 1, total + reliability)
@@ -243,10 +250,10 @@ class Smoother:
         kind, identity = Kind(perceptions.kinds[row]), str(perceptions.identities[row])
         named = self._by_identity.get((kind, identity)) if identity else None
         if named is not None:
-            track = Track(named, self._landmarks[named])
+            track = Track(named, self._landmarks[named], perceptions.stamp_ns)
             track.known.num_tracks += 1
         else:
-            track = Track(self._next_landmark, GraphLandmark(kind, identity))
+            track = Track(self._next_landmark, GraphLandmark(kind, identity), perceptions.stamp_ns)
             self._next_landmark += 1
         if identity:
             self._by_identity[(kind, identity)] = track.landmark

@@ -19,10 +19,11 @@ _MOVED_LOOKS: Final = 3
 
 @dataclass(slots=True)
 class Track:
-    """What the fast estimator follows under one number, and which landmark it is."""
+    """What the fast estimator follows under one number since `first_ns`, and what it is."""
 
     landmark: int
     known: GraphLandmark
+    first_ns: int
     last_scan: int = -1
     tested: int = 0
     is_moving: bool = False

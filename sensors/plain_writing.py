@@ -60,7 +60,7 @@ def write(source: Source, folder: Path) -> None:
     """Write a source as a plain recording folder: whole, or not at all.
 
     What the format has no place for is not written: correlations of range and bearing, depths
-    below a millimetre, and the truth's associations and felled trees.
+    below a millimetre, and of the truth the associations, felled trees and who walked.
 
     Raises:
         InputError: the folder holds something already, the scans differ in geometry or number of

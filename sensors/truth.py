@@ -66,19 +66,21 @@ class TrueLandmarks:
         object.__setattr__(self, "diameters_m", diameters_m)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Truth:
     """What is known of a recording's truth; None where it is not known.
 
     `associations` maps the stamp of a set of perceptions to (n,) rows of `landmarks`, -1 for
     clutter; the stamp of a scan or image to the rows that are clearly in sight.
-    `landmarks` are those that stand at the end, `felled` those that stood before.
+    `landmarks` are those that stand at the end, `felled` those that stood before; `walked` (n, 2)
+    is where somebody walked, in world.
     """
 
     path: TruePath | None = None
     landmarks: TrueLandmarks | None = None
     associations: dict[int, IntArray] | None = None
     felled: TrueLandmarks | None = None
+    walked: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -122,25 +122,35 @@ def test_polish_reaches_the_optimum_of_the_batch_solver() -> None:
     assert cost() == pytest.approx(factors.error(optimum), abs=1e-5)
 
 
-def test_covariances_are_the_marginals_of_the_batch_solution() -> None:
+by_both_ways = pytest.mark.parametrize("dense", [0, 10**9])
+
+
+@by_both_ways
+def test_covariances_are_the_marginals_of_the_batch_solution(
+    monkeypatch: pytest.MonkeyPatch, dense: int
+) -> None:
+    monkeypatch.setattr("semgraph.factor_graph._DENSE", dense)
     made = drive(1)
     graph = polished(built(made))
+    together = graph.pose_covariances(range(graph.num_poses))
     marginals = gtsam.Marginals(*batch_optimum(made))
     for pose in range(graph.num_poses):
-        np.testing.assert_allclose(
-            graph.pose_covariance(pose), marginals.marginalCovariance(X(pose)), 1e-3, 1e-9
-        )
+        expected = marginals.marginalCovariance(X(pose))
+        np.testing.assert_allclose(graph.pose_covariance(pose), expected, 1e-3, 1e-9)
+        np.testing.assert_allclose(together[pose], expected, 1e-3, 1e-9)
+    together = graph.landmark_covariances(graph.landmarks())
     for landmark in graph.landmarks():
-        np.testing.assert_allclose(
-            graph.landmark_covariance([landmark]),
-            marginals.marginalCovariance(L(landmark)),
-            rtol=1e-3,
-            atol=1e-9,
-        )
+        expected = marginals.marginalCovariance(L(landmark))
+        np.testing.assert_allclose(graph.landmark_covariance([landmark]), expected, 1e-3, 1e-9)
+        np.testing.assert_allclose(together[landmark], expected, 1e-3, 1e-9)
 
 
+@by_both_ways
 @pytest.mark.parametrize("order", [*permutations(range(3)), (3, 0), (2, 3, 1, 0)])
-def test_joint_covariances_have_the_order_that_was_asked(order: Sequence[int]) -> None:
+def test_joint_covariances_have_the_order_that_was_asked(
+    monkeypatch: pytest.MonkeyPatch, order: Sequence[int], dense: int
+) -> None:
+    monkeypatch.setattr("semgraph.factor_graph._DENSE", dense)
     made = drive(1)
     graph = polished(built(made))
     solution = scipy_optimum(made, stacked(graph))

@@ -19,7 +19,7 @@ def jacobian(seed: int, n: int) -> FloatArray:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 30))
-def test_any_columns_together_and_alone(seed: int, n: int) -> None:
+def test_any_columns_in_any_order(seed: int, n: int) -> None:
     A = jacobian(seed, n)
     expected = np.linalg.inv(A.T @ A)
     information = Information(csr_matrix(A))
@@ -29,21 +29,6 @@ def test_any_columns_together_and_alone(seed: int, n: int) -> None:
         scale[columns], scale[columns]
     )
     assert np.abs(errors).max() < 1e-8
-    pairs = np.arange(n - n % 2).reshape(-1, 2)
-    for pair, marginal in zip(pairs, information.marginals(pairs), strict=True):
-        np.testing.assert_allclose(marginal, information.covariance(pair), rtol=1e-9, atol=0.0)
-
-
-def test_hundreds_of_marginals_are_those_asked_for() -> None:
-    A = jacobian(1, 300)
-    columns = np.random.default_rng(2).permutation(300).reshape(-1, 3)
-    expected = np.linalg.inv(A.T @ A)
-    for triple, marginal in zip(
-        columns, Information(csr_matrix(A)).marginals(columns), strict=True
-    ):
-        np.testing.assert_allclose(
-            marginal, expected[np.ix_(triple, triple)], rtol=1e-6, atol=1e-12
-        )
 
 
 def test_a_singular_matrix_is_one_line() -> None:

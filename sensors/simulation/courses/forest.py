@@ -172,4 +172,5 @@ def _truth(scans: ScansOnTheWay, wood: _Wood) -> Truth:
     }
     gone = wood.before.select(np.arange(len(wood.after), len(wood.before)))
     felled = standing_trees(gone) if len(gone) else None
-    return Truth(true_path(scans.way), standing, in_sight, felled)
+    walked = wood.person.world_t_things if wood.person is not None else None
+    return Truth(true_path(scans.way), standing, in_sight, felled, walked)
