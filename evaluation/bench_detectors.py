@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from evaluation import bench_rocks, bench_trees_2d, bench_trees_3d
+from evaluation import bench_rocks, bench_runs, bench_trees_2d, bench_trees_3d
 from evaluation.bench_markers import optical_markers
 from evaluation.bench_reflectors import reflectors_car_park, reflectors_simulated
 from evaluation.bench_table import Row, SectionRows, print_table, write_csv, write_markdown
@@ -49,6 +49,7 @@ SECTIONS: Final[tuple[Section, ...]] = (
     Section("rocks in depth images", bench_rocks.FIGURES, 180.0),
     Section("optical markers in images", (optical_markers,), 27.0),
     Section("reflectors in laser scans", (reflectors_simulated,), 1.0),
+    Section("whole runs", bench_runs.FIGURES, 1500.0),
 )
 
 
