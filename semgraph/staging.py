@@ -17,7 +17,8 @@ def staged_folder(folder: Path, marker: str) -> Iterator[Path]:
     """A fresh sibling of `folder` to write into; it takes its name when the block ends well.
 
     An earlier folder is replaced if it is empty or has a file `marker`, which tells that this
-    program wrote it. After an error nothing of the new folder is left and the earlier one stands.
+    program wrote it. After an error nothing of the new folder is left, nor an empty parent, and the earlier
+    one stands.
 
     Raises:
         SemgraphError: `folder` cannot be written, or holds something else.
@@ -25,6 +26,7 @@ def staged_folder(folder: Path, marker: str) -> Iterator[Path]:
     try:
         folder = folder.resolve()
         _check_replaceable(folder, marker)
+        is_parent_new = not folder.parent.exists()
         folder.parent.mkdir(parents=True, exist_ok=True)
         staging = folder.parent / f".{folder.name}.{secrets.token_hex(4)}"
         staging.mkdir()
@@ -35,6 +37,8 @@ def staged_folder(folder: Path, marker: str) -> Iterator[Path]:
         _take_name(staging, folder)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+        if is_parent_new and not any(folder.parent.iterdir()):
+            folder.parent.rmdir()
 
 
 def new_results_folder(root: Path, now: datetime) -> Path:

@@ -62,6 +62,12 @@ def test_a_failure_or_an_interrupt_leaves_nothing(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_a_failure_leaves_no_empty_parent(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError), staged_folder(tmp_path / "results" / "run", "marker"):
+        raise ZeroDivisionError
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_impossible_names_are_one_line(tmp_path: Path) -> None:
     for name in ("a" * 300, "nul\0byte"):
         with pytest.raises(SemgraphError, match="cannot be written") as caught:
