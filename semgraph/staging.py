@@ -17,8 +17,8 @@ def staged_folder(folder: Path, marker: str) -> Iterator[Path]:
     """A fresh sibling of `folder` to write into; it takes its name when the block ends well.
 
     An earlier folder is replaced if it is empty or has a file `marker`, which tells that this
-    program wrote it. After an error nothing of the new folder is left, nor an empty parent, and the earlier
-    one stands.
+    program wrote it. After an error nothing of the new folder is left, nor an empty parent, and
+    the earlier one stands.
 
     Raises:
         SemgraphError: `folder` cannot be written, or holds something else.
