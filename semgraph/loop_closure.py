@@ -29,13 +29,13 @@ _UNMAPPED: Final = 0.1
 class GraphLandmark:
     """What is known of a landmark of the graph beside its position.
 
-    `longest_ns` is for how long it stayed in its place in one stretch.
+    `stayed_ns` is for how long it was seen to stay, without the time between.
     """
 
     kind: Kind
     identity: str
     scans: set[int] = field(default_factory=set)
-    longest_ns: int = 0
+    stayed_ns: int = 0
     num_tracks: int = 1
     num_views: int = 0
     diameter_m: float = np.nan
@@ -62,7 +62,7 @@ class GraphLandmark:
     def absorb(self, other: "GraphLandmark") -> None:
         """Takes over all that was known of another landmark which is the same object."""
         self.scans |= other.scans
-        self.longest_ns = max(self.longest_ns, other.longest_ns)
+        self.stayed_ns += other.stayed_ns
         self.num_tracks += other.num_tracks
         self.num_views += other.num_views
         self.evidence.absorb(other.evidence)

@@ -35,7 +35,7 @@ class SmootherSettings(BaseModel):
     start_sigma_m: float = Field(1e-3, gt=0.0)
     start_sigma_rad: float = Field(1e-4, gt=0.0)
     min_sightings: int = Field(3, ge=1)
-    least_seconds: float = Field(1.0, ge=0.0)
+    least_seconds: float = Field(0.85, ge=0.0)
     update_every_scans: int = Field(5, ge=1)
     closure_odds: float = Field(100.0, gt=1.0)
     duplicate_odds: float = Field(10.0, gt=1.0)
@@ -175,15 +175,15 @@ class Smoother:
     def _is_established(self, known: GraphLandmark) -> bool:
         """Whether it was sighted often and long enough, and rather is what it seems than not.
 
-        Long in one stretch: somebody may walk by the same place twice. An identity is the same
-        whenever it is sighted.
+        Long without the time between: somebody may walk by the same place twice, and is within
+        half a metre of it for 0.83 s each time. An identity is the same whenever it is sighted.
         """
-        longest_ns = known.longest_ns
+        stayed_ns = known.stayed_ns
         if known.identity:
-            longest_ns = self._stamps_ns[max(known.scans)] - self._stamps_ns[min(known.scans)]
+            stayed_ns = self._stamps_ns[max(known.scans)] - self._stamps_ns[min(known.scans)]
         return (
             known.num_sightings >= self._settings.min_sightings
-            and longest_ns >= self._settings.least_seconds * 1e9
+            and stayed_ns >= self._settings.least_seconds * 1e9
             and self._reliability(known) > 0.5
         )
 
@@ -229,7 +229,7 @@ class Smoother:
             self._landmarks[track.landmark] = track.known
         track.last_scan = scan
         track.known.sight(scan, perceptions, row)
-        track.known.longest_ns = max(track.known.longest_ns, perceptions.stamp_ns - track.first_ns)
+        track.stay(perceptions.stamp_ns)
         count, total = self._reliabilities[track.known.kind]
         reliability = float(perceptions.reliabilities[row])
         self._reliabilities[track.known.kind] = (count + 1, total + reliability)

@@ -13,6 +13,7 @@ from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
 # What the estimate of the pose may err while the object is in sight.
 _DRIFT_M: Final = 0.05
 _SPAN_NS: Final = 2_000_000_000
+_GAP_NS: Final = 500_000_000
 _LOOKS: Final = 5
 _MOVED_LOOKS: Final = 3
 
@@ -27,13 +28,22 @@ class Track:
     last_scan: int = -1
     tested: int = 0
     is_moving: bool = False
+    _last_ns: int = field(init=False)
     _places: deque[tuple[int, FloatArray, FloatArray]] = field(default_factory=deque)
     _away: deque[bool] = field(default_factory=lambda: deque(maxlen=_LOOKS))
+
+    def __post_init__(self) -> None:
+        self._last_ns = self.first_ns
 
     @property
     def is_due(self) -> bool:
         """Whether there is so much new evidence that looking for older selves may pay."""
         return self.known.num_sightings > 1.3 * self.tested
+
+    def stay(self, stamp_ns: int) -> None:
+        """It is sighted in its place once more; of a gap in between only half a second counts."""
+        self.known.stayed_ns += min(stamp_ns - self._last_ns, _GAP_NS)
+        self._last_ns = stamp_ns
 
     def look(self, stamp_ns: int, odom_t_thing: FloatArray, covariance: FloatArray) -> bool:
         """Whether it is perceived away from where it was up to 2 s before.

@@ -66,7 +66,7 @@ class TrueLandmarks:
         object.__setattr__(self, "diameters_m", diameters_m)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Truth:
     """What is known of a recording's truth; None where it is not known.
 

@@ -1,0 +1,135 @@
+"""What is possible: the batch optimum over the same measurements with the true associations."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.errors import InputError
+from semgraph.estimates import Trajectory
+from semgraph.factor_graph import FactorGraph
+from semgraph.factors import Sighting
+from semgraph.fast_estimator import FastEstimator
+from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.landmarks import Perceptions
+from semgraph.perceiving import Perceiver
+from semgraph.pipeline import moments
+from semgraph.settings import Settings
+from semgraph.yaw_rates import YawRateLog
+from sensors.truth import Source, TrueLandmarks, TruePath
+
+_NEAR_M: Final = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Oracle:
+    """The optimum.
+
+    Attributes:
+        trajectory: a pose at each moment.
+        covariances: (n, 3, 3) of the poses, each in its own frame.
+        map_t_landmarks: (2,) of each true landmark that was sighted, by its row.
+        landmark_covariances: (2, 2) of the same.
+    """
+
+    trajectory: Trajectory
+    covariances: FloatArray
+    map_t_landmarks: Mapping[int, FloatArray]
+    landmark_covariances: Mapping[int, FloatArray]
+
+
+def oracle(source: Source, settings: Settings) -> Oracle:
+    """The batch optimum with the noise, motion model and kernel that the smoother has.
+
+    Where the truth has no row for each perception, one is taken for the true landmark of its kind
+    within half a metre of where the true pose has it.
+
+    Raises:
+        InputError: without true poses and landmarks there are no true associations.
+    """
+    recording, truth = source.recording, _Known.of(source)
+    tracker = FastEstimator(settings.tracker, recording.map_T_start)
+    smoother = settings.smoother
+    sigmas = np.array([smoother.start_sigma_m, smoother.start_sigma_m, smoother.start_sigma_rad])
+    graph = FactorGraph(UncertainPose2(recording.map_T_start, np.diag(sigmas**2)))
+    stamps_ns: list[int] = []
+    for moment in moments(recording, Perceiver(recording, settings), YawRateLog()):
+        step = tracker.step(moment.perceptions, moment.odometry)
+        world_T_base = truth.pose(step.stamp_ns)
+        if not stamps_ns:
+            map_T_world = recording.map_T_start @ world_T_base.inverse()
+        graph.add_pose(step.motion, map_T_world @ world_T_base)
+        stamps_ns.append(step.stamp_ns)
+        rows = truth.rows(moment.perceptions, world_T_base)
+        _sight(graph, moment.perceptions, rows, map_T_world @ world_T_base)
+    graph.polish()
+    estimate, landmarks = graph.estimate(), graph.landmarks()
+    return Oracle(
+        Trajectory(np.array(stamps_ns, dtype=np.int64), estimate.map_T_bases[1:]),
+        graph.pose_covariances(range(1, graph.num_poses)),
+        estimate.map_t_landmarks,
+        dict(zip(landmarks, graph.landmark_covariances(landmarks), strict=True)),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Known:
+    """Truth with all that an oracle needs."""
+
+    path: TruePath
+    headings: FloatArray
+    landmarks: TrueLandmarks
+    associations: Mapping[int, IntArray]
+
+    @classmethod
+    def of(cls, source: Source) -> Self:
+        """Raises InputError where something is not known."""
+        path, landmarks = source.truth.path, source.truth.landmarks
+        if path is None or path.headings is None or landmarks is None:
+            raise InputError(
+                f"{source.recording.name}: expected true poses and landmarks for an oracle"
+            )
+        # Of raw measurements the truth tells what is in sight, not what was perceived.
+        associations = {} if source.recording.detectors else source.truth.associations or {}
+        return cls(path, path.headings, landmarks, associations)
+
+    def pose(self, stamp_ns: int) -> Pose2:
+        """world_T_base at the true pose that is nearest in time."""
+        row = int(np.abs(self.path.stamps_ns - stamp_ns).argmin())
+        x, y = self.path.world_t_reference[row].tolist()
+        return Pose2(x, y, float(self.headings[row]))
+
+    def rows(self, perceptions: Perceptions, world_T_base: Pose2) -> IntArray:
+        """(n,) the true landmark of each perception, -1 for none."""
+        known = self.associations.get(perceptions.stamp_ns)
+        if known is not None and len(known) == len(perceptions):
+            return known
+        places = world_T_base.transform(perceptions.base_t_landmarks())
+        others = self.landmarks.world_t_landmarks
+        apart_m = np.linalg.norm(places[:, None] - others[None], axis=2)
+        apart_m[perceptions.kinds[:, None] != self.landmarks.kinds[None]] = np.inf
+        rows = np.full(len(perceptions), -1, dtype=np.int64)
+        if apart_m.size:
+            nearest = apart_m.argmin(axis=1)
+            each = np.arange(len(nearest))
+            # Of two perceptions of one thing only the nearer is it.
+            is_own = apart_m.argmin(axis=0)[nearest] == each
+            rows = np.where(is_own & (apart_m[each, nearest] <= _NEAR_M), nearest, -1)
+        return rows
+
+
+def _sight(graph: FactorGraph, perceptions: Perceptions, rows: IntArray, map_T_base: Pose2) -> None:
+    """As the smoother weighs it: an unreliable perception less."""
+    places = map_T_base.transform(perceptions.base_t_landmarks())
+    reliabilities = np.maximum(perceptions.reliabilities, 0.05)
+    covariances = perceptions.covariances / reliabilities[:, None, None]
+    for k in np.flatnonzero(rows >= 0).tolist():
+        landmark = int(rows[k])
+        if landmark not in graph.landmarks():
+            graph.add_landmark(landmark, places[k])
+        range_m, bearing = float(perceptions.ranges_m[k]), float(perceptions.bearings[k])
+        graph.add_sighting(
+            Sighting(graph.num_poses - 1, landmark, range_m, bearing, covariances[k])
+        )
