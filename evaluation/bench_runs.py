@@ -32,7 +32,7 @@ _VISIBLE_MISSES: Final = 5
 
 def paper_course(seeds: Sequence[int]) -> list[Row]:
     """The paper's simulated test from laser scans: Fig. 4 and 5 in figures."""
-    laps = _each(_paper_lap, seeds)
+    laps = each_seed(_paper_lap, seeds)
     found, confirmed, there = (sum(getattr(lap, name) for lap in laps) for name in _COUNTS)
     return [
         Row("fast drift, the worst run", max(lap.drift_m for lap in laps), "m", Better.LOWER, 0.5),
@@ -57,13 +57,13 @@ def paper_course(seeds: Sequence[int]) -> list[Row]:
 
 def person_in_the_wood(seeds: Sequence[int]) -> list[Row]:
     """Landmarks that are there only because somebody walked by, of all runs together."""
-    extra = sum(_each(_person, seeds))
+    extra = sum(each_seed(_person, seeds))
     return [Row("person: confirmed landmarks", extra, "", Better.LOWER, 0.0)]
 
 
 def felled_trees(seeds: Sequence[int]) -> list[Row]:
     """Trees felled between two laps; looks count once every 0.3 m driven."""
-    laps = _each(_felled, seeds)
+    laps = each_seed(_felled, seeds)
     looks = np.array([each for lap in laps for each in lap.looks])
     name = f"felled trees gone within {_VISIBLE_MISSES} visible misses"
     share = float(np.mean(looks <= _VISIBLE_MISSES)) if len(looks) else float("nan")
@@ -98,20 +98,21 @@ class _Felled:
     num_lost: int
 
 
-def _each(trial: Callable[[int], Value], seeds: Sequence[int]) -> list[Value]:
+def each_seed(trial: Callable[[int], Value], seeds: Sequence[int]) -> list[Value]:
     """The outcome of each seed, in processes beside each other."""
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
         return list(pool.map(trial, seeds))
 
 
-def _known(value: Value | None) -> Value:
+def known(value: Value | None) -> Value:
     """What a simulated course always has."""
     if value is None:
         raise InputError("course: expected truth and a path to compare with it")
     return value
 
 
-def _run(course: str, **options: object) -> tuple[Source, RunResult]:
+def run_course(course: str, **options: object) -> tuple[Source, RunResult]:
+    """A course with its truth, and a run over it with the default settings."""
     source = open_source(course, options)
     settings = Settings()
     perceiver = Perceiver(source.recording, settings)
@@ -119,13 +120,13 @@ def _run(course: str, **options: object) -> tuple[Source, RunResult]:
 
 
 def _paper_lap(seed: int) -> _Lap:
-    source, result = _run("course:paper", seed=seed)
-    path = _known(source.truth.path)
-    fast = _known(compare_path(result.fast, path, Alignment.ORIGIN))
-    smoothed = _known(compare_path(result.smoothed, path))
+    source, result = run_course("course:paper", seed=seed)
+    path = known(source.truth.path)
+    fast = known(compare_path(result.fast, path, Alignment.ORIGIN))
+    smoothed = known(compare_path(result.smoothed, path))
     drifts_m = fast.distances
     seconds = (path.stamps_ns[fast.rows] - path.stamps_ns[fast.rows[-1]]) * 1e-9
-    errors = _known(compare_map(result.landmarks, source.truth, smoothed.world_T_map))
+    errors = known(compare_map(result.landmarks, source.truth, smoothed.world_T_map))
     return _Lap(
         float(drifts_m.max()),
         bool(drifts_m[seconds > -_AT_THE_END_S].mean() < drifts_m.max()),
@@ -139,18 +140,18 @@ def _paper_lap(seed: int) -> _Lap:
 def _person(seed: int) -> int:
     """How many landmarks where a person walked the same run without the person does not have."""
     (source, alone), (walked, result) = (
-        _run("course:forest", seed=seed, person=person) for person in (False, True)
+        run_course("course:forest", seed=seed, person=person) for person in (False, True)
     )
     places = _places(walked, result, result.landmarks)
     without = np.vstack([_places(source, alone, alone.landmarks), _standing(source)])
     is_extra = _distances(places, without) > _SAME_M
-    is_where_walked = _distances(places, _known(walked.truth.walked)) <= _SAME_M
+    is_where_walked = _distances(places, known(walked.truth.walked)) <= _SAME_M
     return int((is_extra & is_where_walked).sum())
 
 
 def _felled(seed: int) -> _Felled:
-    source, result = _run("course:forest", seed=seed, felled=True)
-    felled = _known(source.truth.felled)
+    source, result = run_course("course:forest", seed=seed, felled=True)
+    felled = known(source.truth.felled)
     gone = _places(source, result, [each.landmark for each in result.gone])
     misses = np.array([float(each.num_misses) for each in result.gone])
     looks = []
@@ -161,12 +162,12 @@ def _felled(seed: int) -> _Felled:
 
 
 def _standing(source: Source) -> FloatArray:
-    return _known(source.truth.landmarks).world_t_landmarks
+    return known(source.truth.landmarks).world_t_landmarks
 
 
 def _places(source: Source, result: RunResult, landmarks: Sequence[Landmark]) -> FloatArray:
     """(n, 2) of landmarks, in the world."""
-    smoothed = _known(compare_path(result.smoothed, _known(source.truth.path)))
+    smoothed = known(compare_path(result.smoothed, known(source.truth.path)))
     places = np.array([each.map_t_landmark for each in landmarks]).reshape(-1, 2)
     return smoothed.world_T_map.transform(places)
 

@@ -14,6 +14,7 @@ from semgraph.factors import Sighting
 from semgraph.fast_estimator import FastEstimator
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions
+from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
 from semgraph.perceiving import Perceiver
 from semgraph.pipeline import moments
 from semgraph.settings import Settings
@@ -43,8 +44,8 @@ class Oracle:
 def oracle(source: Source, settings: Settings) -> Oracle:
     """The batch optimum with the noise, motion model and kernel that the smoother has.
 
-    Where the truth has no row for each perception, one is taken for the true landmark of its kind
-    within half a metre of where the true pose has it.
+    Where the truth has no row for each perception, one is taken for the nearest true landmark of
+    its kind, within half a metre and the 99.9 % gate of where the true pose has it.
 
     Raises:
         InputError: without true poses and landmarks there are no true associations.
@@ -106,18 +107,21 @@ class _Known:
         known = self.associations.get(perceptions.stamp_ns)
         if known is not None and len(known) == len(perceptions):
             return known
-        places = world_T_base.transform(perceptions.base_t_landmarks())
-        others = self.landmarks.world_t_landmarks
-        apart_m = np.linalg.norm(places[:, None] - others[None], axis=2)
-        apart_m[perceptions.kinds[:, None] != self.landmarks.kinds[None]] = np.inf
+        places, covariances = UncertainPose2(world_T_base, np.zeros((3, 3))).transform(
+            perceptions.base_t_landmarks(), perceptions.base_covariances()
+        )
         rows = np.full(len(perceptions), -1, dtype=np.int64)
-        if apart_m.size:
-            nearest = apart_m.argmin(axis=1)
-            each = np.arange(len(nearest))
-            # Of two perceptions of one thing only the nearer is it.
-            is_own = apart_m.argmin(axis=0)[nearest] == each
-            rows = np.where(is_own & (apart_m[each, nearest] <= _NEAR_M), nearest, -1)
-        return rows
+        if not len(perceptions) or not len(self.landmarks.kinds):
+            return rows
+        errors = places[:, None] - self.landmarks.world_t_landmarks[None]
+        distances2 = mahalanobis2(errors, covariances[:, None])
+        is_possible = perceptions.kinds[:, None] == self.landmarks.kinds[None]
+        is_possible &= np.linalg.norm(errors, axis=2) <= _NEAR_M
+        distances2 = np.where(is_possible, distances2, np.inf)
+        nearest, each = distances2.argmin(axis=1), np.arange(len(rows))
+        # Of two perceptions of one thing only the nearer is it.
+        is_own = distances2.argmin(axis=0)[nearest] == each
+        return np.where(is_own & (distances2[each, nearest] <= CHI2_2DOF_999), nearest, -1)
 
 
 def _sight(graph: FactorGraph, perceptions: Perceptions, rows: IntArray, map_T_base: Pose2) -> None:

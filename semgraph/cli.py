@@ -56,6 +56,8 @@ def _call(parsed: argparse.Namespace) -> None:
             commands.compare(parsed.first, parsed.second)
         case "view":
             commands.view(parsed.folder)
+        case "bench" if parsed.bench == "graph":
+            commands.bench_graph(parsed.seeds, parsed.output)
         case "bench":
             commands.bench_detectors(parsed.seeds, parsed.output, parsed.data)
 
@@ -123,22 +125,27 @@ def _add_with_source(add_parser: _AddParser, name: str, what: str) -> argparse.A
 
 
 def _add_bench(add_parser: _AddParser) -> None:
-    bench = add_parser("bench", help="measure all figures of the detectors")
+    bench = add_parser("bench", help="measure figures of detectors and graph, and their targets")
     benches = bench.add_subparsers(dest="bench", required=True, metavar="WHAT")
-    detectors = benches.add_parser(
-        "detectors", help="on simulated measurements: a table of figures and targets"
-    )
-    detectors.add_argument(
-        "--seeds",
-        type=_seeds,
-        default=range(101, 125),
-        metavar="A-B",
-        help="of the simulated worlds (default: 101-124, some minutes)",
-    )
+    detectors = benches.add_parser("detectors", help="on simulated measurements and whole runs")
+    _add_seeds(detectors, range(101, 125))
     detectors.add_argument(
         "--data", type=Path, metavar="DIR", help="real recordings, with the folder car_park"
     )
     _add_output(detectors)
+    graph = benches.add_parser("graph", help="beside the optimum with true associations")
+    _add_seeds(graph, range(1, 51))
+    _add_output(graph)
+
+
+def _add_seeds(parser: argparse.ArgumentParser, default: range) -> None:
+    parser.add_argument(
+        "--seeds",
+        type=_seeds,
+        default=default,
+        metavar="A-B",
+        help=f"of the simulated worlds (default: {default[0]}-{default[-1]}, some ten minutes)",
+    )
 
 
 def _seeds(text: str) -> range:

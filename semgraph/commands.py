@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Console
 from rich.table import Table
@@ -21,6 +21,9 @@ from semgraph.trace import Trace
 from sensors.catalog import open_source, source_options
 from sensors.plain_perceptions import PERCEPTIONS_FILE
 from sensors.plain_writing import write
+
+if TYPE_CHECKING:
+    from evaluation.bench import Section
 
 DEMO_SOURCE: Final = "course:perceptions"
 RESULTS: Final = Path("results")
@@ -137,11 +140,26 @@ def detect(
 
 def bench_detectors(seeds: Sequence[int], output: Path | None, data: Path | None) -> None:
     """Measures the detectors' figures, prints and writes them beside their targets."""
-    from evaluation.bench_detectors import SECTIONS, bench, car_park
+    from evaluation.bench_detectors import SECTIONS, car_park
+
+    _bench("detectors", (*SECTIONS, car_park(data)), seeds, output)
+
+
+def bench_graph(seeds: Sequence[int], output: Path | None) -> None:
+    """Measures the graph's figures beside the oracle's, prints and writes them."""
+    from evaluation.bench_graph import SECTIONS
+
+    _bench("graph", SECTIONS, seeds, output)
+
+
+def _bench(
+    name: str, sections: Sequence["Section"], seeds: Sequence[int], output: Path | None
+) -> None:
+    from evaluation.bench import bench
 
     folder = output or staging.new_results_folder(RESULTS, datetime.now().astimezone())
     console = Console(soft_wrap=True)
-    bench(console, (*SECTIONS, car_park(data)), seeds, folder)
+    bench(console, name, sections, seeds, folder)
     console.print(f"written: {folder}")
 
 

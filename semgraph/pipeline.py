@@ -96,6 +96,7 @@ def run(
         fast_landmarks=tuple(fast.navigation_map),
         gone=smoother.gone(),
         imu=imu.yaw_rates(),
+        associations=smoother.associations(),
     )
 
 

@@ -3,6 +3,7 @@
 import copy
 import json
 import tomllib
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel
 
-from semgraph.arrays import FloatArray, frozen_floats
+from semgraph.arrays import FloatArray, IntArray, frozen_floats
 from semgraph.errors import InputError, SettingsError
 from semgraph.estimates import Trajectory
 from semgraph.json_files import STRICT, read_json
@@ -57,6 +58,8 @@ class RunResult:
         fast_landmarks: the fast estimator's own map.
         gone: what was in the map and is no longer there.
         imu: the yaw rates that an inertial sensor measured; none where there was none.
+        associations: by the stamp of perceptions, the landmark of each (n,), -1 for none; of a
+            run just made, no file keeps them.
 
     Raises:
         InputError: shapes disagree, or a value is out of its domain.
@@ -75,6 +78,7 @@ class RunResult:
     fast_landmarks: tuple[Landmark, ...] = ()
     gone: tuple[Gone, ...] = ()
     imu: YawRates = field(default_factory=YawRates)
+    associations: Mapping[int, IntArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         covariances = _frozen_covariances(self.smoothed_covariances, len(self.smoothed))

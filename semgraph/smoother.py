@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from semgraph.absence import Look, count_misses
-from semgraph.arrays import FloatArray
+from semgraph.arrays import FloatArray, IntArray
 from semgraph.estimates import Trajectory
 from semgraph.existence import Tally
 from semgraph.factor_graph import FactorGraph
@@ -62,6 +62,7 @@ class Smoother:
         self._reliabilities = dict.fromkeys(Kind, (0, 0.0))
         self._by_identity: dict[tuple[Kind, str], int] = {}
         self._stamps_ns: list[int] = []
+        self._tracker_ids: list[IntArray] = []
         self._next_landmark = 0
         self._last_fast: Pose2 | None = None
         self._guess = map_T_start
@@ -124,6 +125,15 @@ class Smoother:
     def covariances(self) -> FloatArray:
         """(n, 3, 3) of the trajectory's poses, each in its own frame."""
         return self._graph.pose_covariances(range(1, len(self._stamps_ns) + 1))
+
+    def associations(self) -> dict[int, IntArray]:
+        """By stamp, the landmark that each perception was taken for in the end, -1 for none."""
+        landmark_of = {number: track.landmark for number, track in self._tracks.items()}
+        landmark_of[-1] = -1
+        return {
+            stamp_ns: np.array([landmark_of[k] for k in ids.tolist()], dtype=np.int64)
+            for stamp_ns, ids in zip(self._stamps_ns, self._tracker_ids, strict=True)
+        }
 
     def landmarks(self) -> tuple[Landmark, ...]:
         """The map: all confirmed landmarks of the graph with their marginal covariances."""
@@ -205,6 +215,7 @@ class Smoother:
         self._guess = self._guess @ last_T_current
         self._graph.add_pose(step.motion, self._guess)
         self._stamps_ns.append(step.stamp_ns)
+        self._tracker_ids.append(step.landmark_ids)
 
     def _look_for_movers(
         self, tracks: list[Track], rows: list[int], step: FastStep, perceptions: Perceptions

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from evaluation.bench_detectors import SECTIONS, Section, bench, car_park, measure
+from evaluation.bench import Section, bench, measure
+from evaluation.bench_detectors import SECTIONS, car_park
 from evaluation.bench_table import Better, Row
 from semgraph.errors import InputError, SemgraphError
 from semgraph.progress import Silence
@@ -70,13 +71,13 @@ def test_both_files_are_written_or_none(tmp_path: Path) -> None:
     console = Console(quiet=True)
     folder = tmp_path / "out"
     with pytest.raises(ZeroDivisionError):
-        bench(console, [Section("one", (figures, broken), 1.0)], [1], folder)
+        bench(console, "detectors", [Section("one", (figures, broken), 1.0)], [1], folder)
     assert list(tmp_path.iterdir()) == []
-    bench(console, [Section("one", (figures,), 1.0)], [1, 2], folder)
+    bench(console, "detectors", [Section("one", (figures,), 1.0)], [1, 2], folder)
     assert sorted(path.name for path in folder.iterdir()) == ["detectors.csv", "detectors.md"]
     assert "seeds 1 to 2" in (folder / "detectors.md").read_text()
-    bench(console, [Section("one", (figures,), 1.0)], [5], folder)
+    bench(console, "detectors", [Section("one", (figures,), 1.0)], [5], folder)
     assert "5.0" in (folder / "detectors.csv").read_text()
     (folder / "detectors.csv").unlink()
     with pytest.raises(SemgraphError, match="holds something else"):
-        bench(console, [Section("one", (figures,), 1.0)], [5], folder)
+        bench(console, "detectors", [Section("one", (figures,), 1.0)], [5], folder)

@@ -30,8 +30,8 @@ def plant(monkeypatch: pytest.MonkeyPatch, edit: Edit) -> None:
     def each(trial: Callable[[int], object], seeds: Sequence[int]) -> list[object]:
         return [trial(seed) for seed in seeds]
 
-    monkeypatch.setattr(bench_runs, "_run", run)
-    monkeypatch.setattr(bench_runs, "_each", each)
+    monkeypatch.setattr(bench_runs, "run_course", run)
+    monkeypatch.setattr(bench_runs, "each_seed", each)
 
 
 def values(figures: Callable[[Sequence[int]], list[Row]]) -> dict[str, float]:
