@@ -160,5 +160,6 @@ SECTIONS: Final = (
     Section("paper, odometry", (_figures(as_good_as_the_oracle, {"odometry": True}),), 1.0),
     Section("wide, no odometry", (_figures(as_good_as_the_oracle, _WIDE),), 1.6),
     Section("wide, odometry", (_figures(as_good_as_the_oracle, {**_WIDE, "odometry": True}),), 1.6),
+    Section("rows, no odometry", (_figures(as_good_as_the_oracle, {"rows": True}),), 2.0),
     Section("paper, 20 % clutter, 20 % missed", (_figures(disturbed, _DISTURBED),), 1.2),
 )

@@ -55,12 +55,17 @@ def oracle(source: Source, settings: Settings) -> Oracle:
     smoother = settings.smoother
     sigmas = np.array([smoother.start_sigma_m, smoother.start_sigma_m, smoother.start_sigma_rad])
     graph = FactorGraph(UncertainPose2(recording.map_T_start, np.diag(sigmas**2)))
-    stamps_ns: list[int] = []
-    for moment in moments(recording, Perceiver(recording, settings), YawRateLog()):
+    perceiver, stamps_ns = Perceiver(recording, settings), list[int]()
+    map_T_world, odom_T_last = recording.map_T_start, recording.map_T_start
+    for moment in moments(recording, perceiver, YawRateLog()):
         step = tracker.step(moment.perceptions, moment.odometry)
         world_T_base = truth.pose(step.stamp_ns)
-        if not stamps_ns:
+        if stamps_ns:
+            moved = odom_T_last.between(step.map_T_base.pose)
+            perceiver.moved(moved, 1e-9 * (step.stamp_ns - stamps_ns[-1]))
+        else:
             map_T_world = recording.map_T_start @ world_T_base.inverse()
+        odom_T_last = step.map_T_base.pose
         graph.add_pose(step.motion, map_T_world @ world_T_base)
         stamps_ns.append(step.stamp_ns)
         rows = truth.rows(moment.perceptions, world_T_base)

@@ -262,3 +262,15 @@ def test_wheels_come_before_their_scan_and_err_as_the_vehicle_does() -> None:
         noise.heading_per_sqrt_m**2 * distance_m + noise.heading_per_sqrt_rad**2 * turned,
     ]
     np.testing.assert_allclose(errors.std(axis=0), np.sqrt(variances), rtol=0.1)
+
+
+def test_an_orchard_stands_in_rows_of_alike_trees() -> None:
+    source = read("course:perceptions", DEFAULT.model_copy(update={"rows": True}))
+    true = source.truth.landmarks
+    assert true is not None
+    for axis, spacing_m in ((0, 4.0), (1, 3.0)):
+        first = -(DEFAULT.track_radius_m + DEFAULT.band_m)
+        off_m = (true.world_t_landmarks[:, axis] - first + 0.5 * spacing_m) % spacing_m
+        assert np.abs(off_m - 0.5 * spacing_m).max() < 0.6
+    assert np.std(np.log(true.diameters_m)) < 0.15
+    assert np.abs(np.hypot(*true.world_t_landmarks.T) - DEFAULT.track_radius_m).min() > 1.5
