@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from evaluation.alignment import rigid_alignment
 from evaluation.bench import Section
 from evaluation.bench_runs import each_seed, known, run_course
 from evaluation.bench_table import Better, Row
@@ -78,8 +79,6 @@ def num_mixed(source: Source, result: RunResult) -> int:
 
 
 def _map_rmse(source: Source, best: Oracle) -> float:
-    from evaluation.alignment import rigid_alignment
-
     true = known(source.truth.landmarks).world_t_landmarks[list(best.map_t_landmarks)]
     places = np.array(list(best.map_t_landmarks.values()))
     aligned = rigid_alignment(true, places).transform(places)

@@ -144,7 +144,7 @@ def _add_seeds(parser: argparse.ArgumentParser, default: range) -> None:
         type=_seeds,
         default=default,
         metavar="A-B",
-        help=f"of the simulated worlds (default: {default[0]}-{default[-1]}, some ten minutes)",
+        help=f"of the simulated worlds (default: {default[0]}-{default[-1]}, up to an hour)",
     )
 
 

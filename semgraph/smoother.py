@@ -60,7 +60,7 @@ class Smoother:
         self._moving: list[Track] = []
         self._looks = {kind: Tally() for kind in Kind}
         self._reliabilities = dict.fromkeys(Kind, (0, 0.0))
-        self._by_identity: dict[tuple[Kind, str], int] = {}
+        self._by_identity: dict[tuple[Kind, str], Track] = {}
         self._stamps_ns: list[int] = []
         self._tracker_ids: list[IntArray] = []
         self._next_landmark = 0
@@ -261,13 +261,13 @@ class Smoother:
         kind, identity = Kind(perceptions.kinds[row]), str(perceptions.identities[row])
         named = self._by_identity.get((kind, identity)) if identity else None
         if named is not None:
-            track = Track(named, self._landmarks[named], perceptions.stamp_ns)
+            track = Track(named.landmark, named.known, perceptions.stamp_ns)
             track.known.num_tracks += 1
         else:
             track = Track(self._next_landmark, GraphLandmark(kind, identity), perceptions.stamp_ns)
             self._next_landmark += 1
         if identity:
-            self._by_identity[(kind, identity)] = track.landmark
+            self._by_identity[(kind, identity)] = track
         self._tracks[tracker_id] = track
         return track
 

@@ -220,3 +220,20 @@ def test_a_run_without_any_perception_is_that_of_the_wheels() -> None:
     np.testing.assert_allclose(result.smoothed.map_T_bases, result.fast.map_T_bases, atol=1e-6)
     sigmas = np.sqrt(result.smoothed_covariances[:, 2, 2])
     assert (np.diff(sigmas) > 0.0).all()
+
+
+def test_one_identity_seen_by_two_sensors_from_the_first_moment_is_one_landmark() -> None:
+    """Whichever sensor saw it, also where neither had a track of it before."""
+    both = [
+        Perceptions.from_arrays(
+            200_000_000 * k,
+            Kind.MARKER,
+            np.array([5.0, 5.02, 7.0]),
+            np.array([0.1, 0.1, -0.8]),
+            np.tile(np.diag([0.02, 0.01]) ** 2, (3, 1, 1)),
+            identities=np.array(["7", "7", "8"]),
+        )
+        for k in range(20)
+    ]
+    result = ran(Recording("two sensors", both, len(both)))
+    assert sorted(each.semantics.identity for each in result.landmarks) == ["7", "8"]
