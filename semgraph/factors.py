@@ -1,7 +1,7 @@
 """What the graph is made of: odometry and sightings, as values and as GTSAM's factors."""
 
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Self
 
 import gtsam
 import numpy as np
@@ -10,10 +10,12 @@ from gtsam.symbol_shorthand import L, X
 from semgraph.arrays import FloatArray
 from semgraph.errors import GraphError
 from semgraph.geometry import Pose2, UncertainPose2, frozen_covariance
+from semgraph.landmarks import Perceptions
 
 # A sighting within this chi-square is taken as it is, one beyond it ever less (DCS; Agarwal 2013).
 _ROBUST_CHI2: Final = 13.8155
 _LEAST_RANGE_M: Final = 1e-3
+_LEAST_RELIABILITY: Final = 0.05
 
 
 @dataclass(slots=True, eq=False)
@@ -21,7 +23,7 @@ class Sighting:
     """One bearing-range factor: pose `pose` saw landmark `landmark`.
 
     `covariance` (2, 2) is of (range, bearing). `landmark` changes when landmarks are merged,
-    `slot` is the factor's place in iSAM2.
+    `track` tells the stretch of sightings that it came with, `slot` is its place in iSAM2.
     """
 
     pose: int
@@ -29,7 +31,23 @@ class Sighting:
     range_m: float
     bearing: float
     covariance: FloatArray
+    track: int = -1
     slot: int = field(default=-1, init=False)
+
+    @classmethod
+    def of(
+        cls, perceptions: Perceptions, row: int, pose: int, landmark: int, track: int = -1
+    ) -> Self:
+        """A perception as a sighting; the less reliable, the less it weighs."""
+        reliability = max(float(perceptions.reliabilities[row]), _LEAST_RELIABILITY)
+        return cls(
+            pose,
+            landmark,
+            float(perceptions.ranges_m[row]),
+            float(perceptions.bearings[row]),
+            perceptions.covariances[row] / reliability,
+            track,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

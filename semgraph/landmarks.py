@@ -288,13 +288,11 @@ class Perceptions:
 
     def base_t_landmarks(self) -> FloatArray:
         """(n, 2) m, the positions relative to the robot."""
-        return np.column_stack(
-            [self.ranges_m * np.cos(self.bearings), self.ranges_m * np.sin(self.bearings)]
-        )
+        return cartesian(self.ranges_m, self.bearings)
 
     def base_covariances(self) -> FloatArray:
         """(n, 2, 2) m2, the covariances of `base_t_landmarks`, to first order."""
-        jacobians = _cartesian_jacobians(self.ranges_m, self.bearings)
+        jacobians = cartesian_jacobians(self.ranges_m, self.bearings)
         return jacobians @ self.covariances @ jacobians.transpose(0, 2, 1)
 
     def seen_from(self, base_T_sensor: Pose2) -> "Perceptions":
@@ -311,7 +309,7 @@ class Perceptions:
         ranges_m = np.linalg.norm(base_t_landmarks, axis=1)
         kept = ranges_m > 1e-3
         bearings = np.arctan2(base_t_landmarks[:, 1], base_t_landmarks[:, 0])
-        inverse = np.linalg.inv(_cartesian_jacobians(ranges_m[kept], bearings[kept]))
+        inverse = np.linalg.inv(cartesian_jacobians(ranges_m[kept], bearings[kept]))
         rest = self.select(kept)
         return Perceptions(
             rest.stamp_ns,
@@ -348,7 +346,12 @@ def concatenate(stamp_ns: int, parts: Sequence[Perceptions]) -> Perceptions:
     )
 
 
-def _cartesian_jacobians(ranges_m: FloatArray, bearings: FloatArray) -> FloatArray:
+def cartesian(ranges_m: FloatArray, bearings: FloatArray) -> FloatArray:
+    """(n, 2) m of polar coordinates."""
+    return np.column_stack([ranges_m * np.cos(bearings), ranges_m * np.sin(bearings)])
+
+
+def cartesian_jacobians(ranges_m: FloatArray, bearings: FloatArray) -> FloatArray:
     """(n, 2, 2): d(x, y) / d(range, bearing)."""
     c, s = np.cos(bearings), np.sin(bearings)
     return np.stack(
