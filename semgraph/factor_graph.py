@@ -17,6 +17,7 @@ from scipy.sparse import csr_matrix
 from semgraph.arrays import FloatArray, IntArray, frozen_floats
 from semgraph.errors import GraphError
 from semgraph.factors import (
+    ROBUST_CHI2,
     Odometry,
     Sighting,
     check_definite,
@@ -28,6 +29,7 @@ from semgraph.factors import (
 )
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.information import Information
+from semgraph.measurement_model import innovations, mahalanobis2, predict
 from semgraph.point_grid import PointGrid
 
 # Entries of the Bayes tree a column, from which on a graph is dense.
@@ -70,6 +72,7 @@ class FactorGraph:
         self._new_sightings: list[tuple[int, Sighting]] = []
         self._new_values = gtsam.Values()
         self._removed_slots: list[int] = []
+        self._firm: list[Sighting] = []
         self._pose_guesses = [map_T_start.pose]
         self._landmark_guesses: dict[int, FloatArray] = {}
         self._factorization = "CHOLESKY"
@@ -158,6 +161,9 @@ class FactorGraph:
     def merge(self, gone: int, kept: int) -> None:
         """Makes two landmarks one with the next update: sightings of `gone` become `kept`'s.
 
+        Where drift has brought both so far apart that the robust kernel would let the sightings
+        go, they hold firmly at first, until the graph has moved.
+
         Raises:
             GraphError: both are the same or one is not in the graph; or factors wait for an
                 update, their places in iSAM2 are not known yet.
@@ -167,7 +173,10 @@ class FactorGraph:
         if gone == kept:
             raise GraphError(f"landmark {gone}: expected another one to merge it with")
         self._check_updated(gone)
-        self._hand_over(self._sightings[gone], kept)
+        sightings, place = self._sightings[gone], self.landmark(kept)
+        if any(self._misfit(each, place) > ROBUST_CHI2 for each in sightings):
+            self._firm += sightings
+        self._hand_over(sightings, kept)
         self._forget(gone)
 
     def split(self, landmark: int, tracks: Set[int], new: int) -> None:
@@ -226,6 +235,7 @@ class FactorGraph:
             for position, sighting in self._new_sightings:
                 sighting.slot = int(slots[position])
             self._is_current = False
+            self._let_go()
             after = self.pose(last)
         except (RuntimeError, ValueError, IndexError) as error:
             self._incidents.append(f"update failed, graph rebuilt: {_first_line(error)}")
@@ -234,6 +244,28 @@ class FactorGraph:
             if np.hypot(after.x - before.x, after.y - before.y) > _JUMP_M:
                 self._read_all()
         self._empty_queue()
+
+    def _let_go(self) -> None:
+        """Sightings that held firmly while the graph moved get their kernel."""
+        if not self._firm:
+            return
+        nothing = (gtsam.NonlinearFactorGraph(), gtsam.Values(), [], None, None, None, True)
+        for _ in range(_SETTLING):
+            self._isam.update(*nothing)
+        robust = gtsam.NonlinearFactorGraph()
+        for sighting in self._firm:
+            robust.add(sighting_factor(sighting))
+        slots = [sighting.slot for sighting in self._firm]
+        result = self._isam.update(robust, gtsam.Values(), slots, None, None, None, True)
+        for sighting, slot in zip(self._firm, result.getNewFactorsIndices(), strict=True):
+            sighting.slot = int(slot)
+
+    def _misfit(self, sighting: Sighting, place: FloatArray) -> float:
+        """Chi-square of a sighting, if its landmark were at a place (2,)."""
+        predicted = predict(self.pose(sighting.pose), place[None])
+        measured = np.array([sighting.range_m]), np.array([sighting.bearing])
+        innovation = innovations(predicted, *measured)[0]
+        return float(mahalanobis2(innovation, sighting.covariance))
 
     def polish(self) -> None:
         """Moves to the batch optimum over the whole log, starting from the estimate at hand.
@@ -404,13 +436,15 @@ class FactorGraph:
 
     def _queue(self, sighting: Sighting) -> None:
         self._new_sightings.append((self._new_factors.size(), sighting))
-        self._new_factors.add(sighting_factor(sighting))
+        is_firm = sighting in self._firm
+        self._new_factors.add(sighting_factor(sighting, is_firm=is_firm))
 
     def _empty_queue(self) -> None:
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_sightings = []
         self._new_values = gtsam.Values()
         self._removed_slots = []
+        self._firm = []
         self._factored = None
 
     def _whole_graph(self) -> tuple[gtsam.NonlinearFactorGraph, list[Sighting]]:

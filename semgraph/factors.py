@@ -13,7 +13,7 @@ from semgraph.geometry import Pose2, UncertainPose2, frozen_covariance
 from semgraph.landmarks import Perceptions
 
 # A sighting within this chi-square is taken as it is, one beyond it ever less (DCS; Agarwal 2013).
-_ROBUST_CHI2: Final = 13.8155
+ROBUST_CHI2: Final = 13.8155
 _LEAST_RANGE_M: Final = 1e-3
 _LEAST_RELIABILITY: Final = 0.05
 
@@ -91,12 +91,19 @@ def odometry_factor(odometry: Odometry) -> gtsam.BetweenFactorPose2:
     return gtsam.BetweenFactorPose2(X(odometry.start), X(odometry.end), motion, noise)
 
 
-def sighting_factor(sighting: Sighting) -> gtsam.BearingRangeFactor2D:
-    """A sighting, by a robust kernel; GTSAM's order is bearing first."""
-    noise = gtsam.noiseModel.Robust.Create(
-        gtsam.noiseModel.mEstimator.DCS.Create(_ROBUST_CHI2),
-        gtsam.noiseModel.Gaussian.Covariance(sighting.covariance[::-1, ::-1]),
-    )
+def sighting_factor(
+    sighting: Sighting, *, is_firm: bool = False
+) -> gtsam.BearingRangeFactor2D:
+    """A sighting; GTSAM's order is bearing first.
+
+    Args:
+        sighting: that passed `check_sighting`.
+        is_firm: without the robust kernel, however far off it is.
+    """
+    noise = gtsam.noiseModel.Gaussian.Covariance(sighting.covariance[::-1, ::-1])
+    if not is_firm:
+        kernel = gtsam.noiseModel.mEstimator.DCS.Create(ROBUST_CHI2)
+        noise = gtsam.noiseModel.Robust.Create(kernel, noise)
     return gtsam.BearingRangeFactor2D(
         X(sighting.pose),
         L(sighting.landmark),
