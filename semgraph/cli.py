@@ -1,6 +1,7 @@
 """The command line. Each command imports what it needs when it is called."""
 
 import argparse
+import math
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -26,7 +27,10 @@ sources:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The exit status: 0, 1 after a known error told in one line, 2 for wrong usage."""
-    parsed = _parser().parse_args(arguments)
+    parser = _parser()
+    parsed = parser.parse_args(arguments)
+    if parsed.command == "run" and not parsed.online and parsed.speed != math.inf:
+        parser.error("--speed X: expected --online with it")
     try:
         _call(parsed)
     except SemgraphError as error:
@@ -45,7 +49,14 @@ def _call(parsed: argparse.Namespace) -> None:
         case "demo":
             commands.demo(parsed.output)
         case "run":
-            commands.run(parsed.source, parsed.output, parsed.settings, parsed.set, parsed.live)
+            commands.run(
+                parsed.source,
+                parsed.output,
+                parsed.settings,
+                parsed.set,
+                parsed.live,
+                parsed.speed if parsed.online else None,
+            )
         case "detect":
             commands.detect(parsed.source, parsed.output, parsed.settings, parsed.set)
         case "simulate":
@@ -79,6 +90,18 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="FILE",
         help="settings whose filters and detectors may be changed while the run goes on",
+    )
+    run.add_argument(
+        "--online",
+        action="store_true",
+        help="the graph in a process of its own, that corrects the fast pose and never holds it up",
+    )
+    run.add_argument(
+        "--speed",
+        type=_speed,
+        default=math.inf,
+        metavar="X",
+        help="play the recording at X times real time (default: as fast as it goes)",
     )
 
     _add_with_source(
@@ -146,6 +169,16 @@ def _add_seeds(parser: argparse.ArgumentParser, default: range) -> None:
         metavar="A-B",
         help=f"of the simulated worlds (default: {default[0]}-{default[-1]}, up to an hour)",
     )
+
+
+def _speed(text: str) -> float:
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = math.nan
+    if not speed > 0.0:
+        raise argparse.ArgumentTypeError(f"expected a positive number, got {text!r}")
+    return speed
 
 
 def _seeds(text: str) -> range:

@@ -117,6 +117,10 @@ class Smoother:
             self._graph.polish()
             changed = {closure.old for closure in closures}
 
+    def latest(self) -> Pose2:
+        """map_T_base of the last scan: by the last update, and by the fast estimates since."""
+        return self._guess
+
     def trajectory(self) -> Trajectory:
         """The smoothed pose of each scan."""
         poses = self._graph.estimate().map_T_bases[1:]
