@@ -67,9 +67,19 @@ def _call(parsed: argparse.Namespace) -> None:
             commands.compare(parsed.first, parsed.second)
         case "view":
             commands.view(parsed.folder)
-        case "bench" if parsed.bench == "graph":
-            commands.bench_graph(parsed.seeds, parsed.output)
         case "bench":
+            _call_bench(parsed)
+
+
+def _call_bench(parsed: argparse.Namespace) -> None:
+    from semgraph import commands
+
+    match parsed.bench:
+        case "graph":
+            commands.bench_graph(parsed.seeds, parsed.output)
+        case "online":
+            commands.bench_online(parsed.seeds, parsed.output)
+        case "detectors":
             commands.bench_detectors(parsed.seeds, parsed.output, parsed.data)
 
 
@@ -159,6 +169,9 @@ def _add_bench(add_parser: _AddParser) -> None:
     graph = benches.add_parser("graph", help="beside the optimum with true associations")
     _add_seeds(graph, range(1, 51))
     _add_output(graph)
+    online = benches.add_parser("online", help="of the graph in a process of its own, in real time")
+    _add_seeds(online, range(1, 4))
+    _add_output(online)
 
 
 def _add_seeds(parser: argparse.ArgumentParser, default: range) -> None:

@@ -181,6 +181,13 @@ def bench_graph(seeds: Sequence[int], output: Path | None) -> None:
     _bench("graph", SECTIONS, seeds, output)
 
 
+def bench_online(seeds: Sequence[int], output: Path | None) -> None:
+    """Measures what the graph beside it costs the scan path, prints and writes it."""
+    from evaluation.bench_online import SECTIONS
+
+    _bench("online", SECTIONS, seeds, output)
+
+
 def _bench(
     name: str, sections: Sequence["Section"], seeds: Sequence[int], output: Path | None
 ) -> None:

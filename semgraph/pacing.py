@@ -21,7 +21,12 @@ class Pace:
         self._speed = speed
         self._started_s = 0.0
         self._first_ns: int | None = None
-        self._late_s = 0.0
+        self._late_s = self._let_go_s = 0.0
+
+    @property
+    def let_go_s(self) -> float:
+        """When the last measurement was let go, on the monotonic clock."""
+        return self._let_go_s
 
     @property
     def late_s(self) -> float:
@@ -31,19 +36,18 @@ class Pace:
     @property
     def events(self) -> tuple[str, ...]:
         """How well the scan path kept up; nothing where it was not held back."""
-        if self._first_ns is None:
+        if math.isinf(self._speed):
             return ()
         return (f"played at {self._speed:g} times real time, late by at most {self._late_s:.3f} s",)
 
     def wait(self, stamp_ns: int) -> None:
         """Returns when a measurement of this stamp would be there."""
-        if math.isinf(self._speed):
-            return
+        now_s = time.monotonic()
         if self._first_ns is None:
-            self._first_ns, self._started_s = stamp_ns, time.monotonic()
+            self._first_ns, self._started_s = stamp_ns, now_s
         due_s = self._started_s + (stamp_ns - self._first_ns) * 1e-9 / self._speed
-        left_s = due_s - time.monotonic()
-        if left_s > 0.0:
-            time.sleep(left_s)
-        else:
-            self._late_s = max(self._late_s, -left_s)
+        if due_s > now_s:
+            time.sleep(due_s - now_s)
+        elif math.isfinite(self._speed):
+            self._late_s = max(self._late_s, now_s - due_s)
+        self._let_go_s = time.monotonic()
