@@ -103,8 +103,23 @@ class OnlineSmoother:
         """As `GraphBeside`; returns without waiting, whatever the other process does."""
         self._append(Scan(step, perceptions, tuple(views)))
         self._known.append(step)
-        self._tend()
+        self.tend()
         self._known.report()
+
+    def tend(self) -> None:
+        """Takes in what the other process said, and sees to it that there is one.
+
+        `add` does so too; who wants the latest pose between two scans calls it.
+        """
+        worker = self._worker
+        if worker is None:
+            return
+        # First whether it has ended: what it said before is then there whole.
+        exit_code = worker.exit_code()
+        while self._worker is worker and (answer := worker.answer()) is not None:
+            self._take(answer)
+        if self._worker is worker:
+            self._look_after(worker, exit_code)
 
     def finish(self, note: Callable[[str], None]) -> Smoothed:
         """As `GraphBeside`; without a graph where it was lost, and `online.lost` says why."""
@@ -112,7 +127,7 @@ class OnlineSmoother:
         self._append(End())
         while self._worker is not None:
             self._worker.wait(_LOOK_S)
-            self._tend()
+            self.tend()
             note(self._known.outlook() or f"graph: {self._doing or 'settling'}")
         outcome = self._outcome or Smoothed()
         online = self._known.online(self._num_restarts)
@@ -125,18 +140,6 @@ class OnlineSmoother:
             self._scans.append(entry)
         except SemgraphError as error:
             self._lose(str(error))
-
-    def _tend(self) -> None:
-        """Takes in what the other process said, and sees to it that there is one."""
-        worker = self._worker
-        if worker is None:
-            return
-        # First whether it has ended: what it said before is then there whole.
-        exit_code = worker.exit_code()
-        while self._worker is worker and (answer := worker.answer()) is not None:
-            self._take(answer)
-        if self._worker is worker:
-            self._look_after(worker, exit_code)
 
     def _look_after(self, worker: Worker, exit_code: int | None) -> None:
         is_settling = self._has_ended and not self._known.num_behind
