@@ -15,7 +15,7 @@ from evaluation.bench import Section
 from evaluation.bench_table import Better, Row
 from semgraph.arrays import FloatArray
 from semgraph.fast_estimator import FastStep
-from semgraph.graph_beside import GraphBeside, GraphInProcess, Smoothed
+from semgraph.graph_beside import GraphBeside, GraphInProcess
 from semgraph.landmarks import Perceptions
 from semgraph.online import OnlineSmoother
 from semgraph.pacing import Pace
@@ -24,6 +24,7 @@ from semgraph.pipeline import run
 from semgraph.progress import Silence
 from semgraph.results import LOOP_CLOSED, RunResult
 from semgraph.settings import Settings
+from semgraph.smoothed import Smoothed
 from sensors.catalog import open_source
 from sensors.measurements import Recording
 from sensors.views import View

@@ -13,8 +13,8 @@ from evaluation.rotation import turn_rates
 from evaluation.trajectory import PathErrors, compare_path, relative_errors, rmse
 from semgraph.estimates import Trajectory
 from semgraph.geometry import Pose2
-from semgraph.graph_beside import Online
 from semgraph.results import LOOP_CLOSED, RunResult
+from semgraph.smoothed import Online
 from sensors.truth import TruePath, Truth
 
 RELATIVE_LENGTHS_M = (10, 50, 100)

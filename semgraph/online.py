@@ -13,8 +13,8 @@ from semgraph.errors import SemgraphError
 from semgraph.estimates import Trajectory
 from semgraph.fast_estimator import FastStep
 from semgraph.geometry import Pose2
-from semgraph.graph_beside import Online, Smoothed
 from semgraph.landmarks import Perceptions
+from semgraph.smoothed import Online, Smoothed
 from semgraph.smoother import SmootherSettings
 from semgraph.smoothing_loop import Doing, End, Failed, Job, Scan, Taken
 from semgraph.spool import Spool

@@ -16,10 +16,10 @@ from pydantic import BaseModel
 from semgraph.arrays import FloatArray, IntArray, frozen_floats
 from semgraph.errors import InputError, SettingsError
 from semgraph.estimates import Trajectory
-from semgraph.graph_beside import Online
 from semgraph.json_files import STRICT, read_json
 from semgraph.landmarks import Gone, Landmark
 from semgraph.map_files import read_map_json, write_map_csv, write_map_json
+from semgraph.smoothed import Online
 from semgraph.staging import staged_folder
 from semgraph.tables import read_text, write_text
 from semgraph.trajectory_files import read_covariances, read_tum, write_covariances, write_tum

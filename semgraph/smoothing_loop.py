@@ -10,8 +10,9 @@ from typing import Any, Final
 from semgraph.errors import SemgraphError
 from semgraph.fast_estimator import FastStep
 from semgraph.geometry import Pose2
-from semgraph.graph_beside import GraphInProcess, Smoothed
+from semgraph.graph_beside import GraphInProcess
 from semgraph.landmarks import Perceptions
+from semgraph.smoothed import Smoothed
 from semgraph.smoother import SmootherSettings
 from semgraph.spool import Spool
 from sensors.views import View

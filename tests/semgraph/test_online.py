@@ -17,7 +17,7 @@ from evaluation.bench_online import is_same
 from semgraph import results
 from semgraph.fast_estimator import FastEstimator, FastStep
 from semgraph.geometry import Pose2, UncertainPose2
-from semgraph.graph_beside import GraphBeside, Smoothed
+from semgraph.graph_beside import GraphBeside
 from semgraph.landmarks import Perceptions
 from semgraph.online import OnlineSettings, OnlineSmoother
 from semgraph.perceiving import Perceiver
@@ -25,6 +25,7 @@ from semgraph.pipeline import moments, run
 from semgraph.progress import Silence
 from semgraph.results import RunResult
 from semgraph.settings import Settings
+from semgraph.smoothed import Smoothed
 from semgraph.smoothing_loop import Taken
 from semgraph.yaw_rates import YawRateLog
 from sensors.catalog import open_source
