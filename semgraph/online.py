@@ -39,7 +39,7 @@ class OnlineSettings(BaseModel):
     stall_s: float = Field(60.0, gt=0.0)
     settle_s: float = Field(1800.0, gt=0.0)
     max_restarts: int = Field(3, ge=0)
-    niceness: int = Field(5, ge=0, le=19)
+    niceness: int = Field(10, ge=0, le=19)
 
 
 @final
