@@ -6,7 +6,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -78,7 +77,8 @@ def run(
         metrics = evaluate_folder(staged)
     unlinked = staging.point_latest(folder) if output is None else None
     _print_comparison(console, metrics)
-    _print_online(console, result)
+    if result.online is not None:
+        console.print(result.online.summary)
     _print_next(console, folder, unlinked)
     if result.online is not None and result.online.lost:
         raise SemgraphError(
@@ -263,16 +263,6 @@ def _print_comparison(console: Console, metrics: Sequence[Metric]) -> None:
         if name in values
     ]
     console.print(", ".join(counts))
-
-
-def _print_online(console: Console, result: results.RunResult) -> None:
-    online = result.online
-    if online is not None and len(online.delays_s):
-        console.print(
-            f"online: corrections in force after {np.median(online.delays_s):.3f} s (median), "
-            f"{online.delays_s.max():.2f} s at most; graph at most {online.lags.max()} scans "
-            f"behind, started anew {online.num_restarts} times"
-        )
 
 
 def _print_next(console: Console, folder: Path, unlinked: str | None) -> None:

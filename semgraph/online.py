@@ -116,8 +116,11 @@ class OnlineSmoother:
             return
         # First whether it has ended: what it said before is then there whole.
         exit_code = worker.exit_code()
-        while self._worker is worker and (answer := worker.answer()) is not None:
-            self._take(answer)
+        try:
+            while self._worker is worker and (answer := worker.answer()) is not None:
+                self._take(answer)
+        except SemgraphError as error:
+            self._restart(str(error))
         if self._worker is worker:
             self._look_after(worker, exit_code)
 
@@ -131,7 +134,8 @@ class OnlineSmoother:
             note(self._known.outlook() or f"graph: {self._doing or 'settling'}")
         outcome = self._outcome or Smoothed()
         online = self._known.online(self._num_restarts)
-        return replace(outcome, events=(*outcome.events, *self._events), online=online)
+        events = (*outcome.events, *self._events, online.summary)
+        return replace(outcome, events=events, online=online)
 
     def _append(self, entry: Scan | End) -> None:
         if self._worker is None:
@@ -169,7 +173,10 @@ class OnlineSmoother:
             return
         self._num_restarts += 1
         self._events.append(f"graph's process started anew {self._known.when}: {reason}")
-        self._worker = Worker(self._scans, self._settings.niceness)
+        try:
+            self._worker = Worker(self._scans, self._settings.niceness)
+        except SemgraphError as error:
+            self._lose(str(error))
 
     def _lose(self, reason: str) -> None:
         """The run goes on without the graph."""

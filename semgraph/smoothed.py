@@ -40,6 +40,18 @@ class Online:
         object.__setattr__(self, "delays_s", delays_s)
         object.__setattr__(self, "lags", lags)
 
+    @property
+    def summary(self) -> str:
+        """How late it was, in a line."""
+        if not len(self.delays_s):
+            return "online: no correction came"
+        median_s, worst_s = np.median(self.delays_s), self.delays_s.max()
+        return (
+            f"online: corrections in force after {median_s:.3f} s (median), {worst_s:.3f} s at "
+            f"most; graph at most {self.lags.max(initial=0)} scans behind, started anew "
+            f"{self.num_restarts} times"
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothed:

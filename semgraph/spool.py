@@ -24,15 +24,21 @@ class Spool:
     whose writer died, nothing is read. In memory there is one value at a time.
 
     Handed to a process that is being spawned, it is read from its start there: the log replayed.
+
+    Raises:
+        SemgraphError: there is no place for a file.
     """
 
     def __init__(self, descriptor: int | None = None) -> None:
-        # Unbuffered: what was appended is there for the reader at once.
-        self._file = (
-            tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
-            if descriptor is None
-            else os.fdopen(descriptor, "r+b", buffering=0)
-        )
+        try:
+            # Unbuffered: what was appended is there for the reader at once.
+            self._file = (
+                tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
+                if descriptor is None
+                else os.fdopen(descriptor, "r+b", buffering=0)
+            )
+        except OSError as error:
+            raise _refused(str(error.strerror)) from error
         self._end = os.fstat(self._file.fileno()).st_size
         self._at = 0
 
@@ -54,10 +60,7 @@ class Spool:
             written, reason = 0, str(error.strerror)
         if written < len(frame):
             self._file.truncate(self._end)
-            raise SemgraphError(
-                f"spool in {tempfile.gettempdir()}: cannot be written: {reason}; "
-                "free some space or let TMPDIR name another folder"
-            )
+            raise _refused(reason)
         self._end += len(frame)
 
     def read(self) -> Any:
@@ -81,6 +84,14 @@ class Spool:
     def close(self) -> None:
         """Here; it ceases to be once all processes have closed it."""
         self._file.close()
+
+
+def _refused(reason: str) -> SemgraphError:
+    folder = tempfile.tempdir or "the folder for temporary files"
+    return SemgraphError(
+        f"spool in {folder}: cannot be written: {reason}; "
+        "free some space or let TMPDIR name another folder"
+    )
 
 
 def _received(handle: Any) -> Spool:

@@ -6,6 +6,7 @@ import time
 from multiprocessing import get_context
 from typing import Any, Final, final
 
+from semgraph.errors import SemgraphError
 from semgraph.spool import Spool
 
 _BLAS_THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -13,7 +14,11 @@ _BLAS_THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THRE
 
 @final
 class Worker:
-    """One process that works through a spool of scans from its start."""
+    """One process that works through a spool of scans from its start.
+
+    Raises:
+        SemgraphError: the system gives no process or no file for its answers.
+    """
 
     def __init__(self, scans: Spool, niceness: int) -> None:
         self._answers = Spool()
@@ -21,7 +26,13 @@ class Worker:
         self._process = get_context("spawn").Process(
             target=_begin, args=(niceness, scans, self._answers), daemon=True, name="semgraph graph"
         )
-        self._process.start()
+        try:
+            self._process.start()
+        except OSError as error:
+            self._answers.close()
+            raise SemgraphError(
+                f"the graph's process cannot be started: {error.strerror}; run without --online"
+            ) from error
 
     @property
     def pid(self) -> int:

@@ -15,6 +15,7 @@ import pytest
 
 from evaluation.bench_online import is_same
 from semgraph import results
+from semgraph.errors import SemgraphError
 from semgraph.fast_estimator import FastEstimator, FastStep
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.graph_beside import GraphBeside
@@ -184,6 +185,26 @@ def test_what_the_graph_refuses_is_not_tried_again(recording: Recording) -> None
     assert online is not None
     assert online.num_restarts == 0
     assert "motion" in online.lost
+
+
+def test_what_fails_unforeseen_is_tried_again_but_not_for_ever(recording: Recording) -> None:
+    seen = next(moments(recording, Perceiver(recording, SETTINGS), YawRateLog())).perceptions
+    step = FastEstimator(SETTINGS.tracker, Pose2()).step(seen, None)
+    with OnlineSmoother(SETTINGS.smoother, OnlineSettings(max_restarts=1), Pose2()) as graph:
+        graph.add(step, None, ())  # type: ignore[arg-type]
+        outcome = graph.finish(Silence().note)
+    assert outcome.online is not None
+    assert outcome.online.num_restarts == 1
+    assert "AttributeError" in outcome.online.lost
+    assert "no correction came" in outcome.events[-1]
+
+
+def test_without_a_place_for_the_spool_it_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
+    with pytest.raises(SemgraphError, match=r"nowhere.*TMPDIR"):
+        OnlineSmoother(SETTINGS.smoother, SETTINGS.online, Pose2())
 
 
 def test_nothing_is_left_of_it(
