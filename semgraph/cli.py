@@ -1,6 +1,7 @@
 """The command line. Each command imports what it needs when it is called."""
 
 import argparse
+import math
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -26,7 +27,10 @@ sources:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The exit status: 0, 1 after a known error told in one line, 2 for wrong usage."""
-    parsed = _parser().parse_args(arguments)
+    parser = _parser()
+    parsed = parser.parse_args(arguments)
+    if parsed.command == "run" and not parsed.online and parsed.speed != math.inf:
+        parser.error("--speed X: expected --online with it")
     try:
         _call(parsed)
     except SemgraphError as error:
@@ -45,20 +49,39 @@ def _call(parsed: argparse.Namespace) -> None:
         case "demo":
             commands.demo(parsed.output)
         case "run":
-            commands.run(parsed.source, parsed.output, parsed.settings, parsed.set, parsed.live)
+            commands.run(
+                parsed.source,
+                parsed.output,
+                parsed.settings,
+                parsed.set,
+                parsed.live,
+                parsed.speed if parsed.online else None,
+            )
         case "detect":
             commands.detect(parsed.source, parsed.output, parsed.settings, parsed.set)
         case "simulate":
             commands.simulate(parsed.source, parsed.folder, parsed.set)
         case "evaluate":
             commands.evaluate(parsed.folder)
+        case "explain":
+            commands.explain(parsed.folder, parsed.landmark)
         case "compare":
             commands.compare(parsed.first, parsed.second)
         case "view":
             commands.view(parsed.folder)
-        case "bench" if parsed.bench == "graph":
-            commands.bench_graph(parsed.seeds, parsed.output)
         case "bench":
+            _call_bench(parsed)
+
+
+def _call_bench(parsed: argparse.Namespace) -> None:
+    from semgraph import commands
+
+    match parsed.bench:
+        case "graph":
+            commands.bench_graph(parsed.seeds, parsed.output)
+        case "online":
+            commands.bench_online(parsed.seeds, parsed.output)
+        case "detectors":
             commands.bench_detectors(parsed.seeds, parsed.output, parsed.data)
 
 
@@ -80,6 +103,18 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="settings whose filters and detectors may be changed while the run goes on",
     )
+    run.add_argument(
+        "--online",
+        action="store_true",
+        help="the graph in a process of its own, that corrects the fast pose and never holds it up",
+    )
+    run.add_argument(
+        "--speed",
+        type=_speed,
+        default=math.inf,
+        metavar="X",
+        help="play the recording at X times real time (default: as fast as it goes)",
+    )
 
     _add_with_source(
         commands.add_parser, "detect", "write and draw what the detectors find in raw measurements"
@@ -100,6 +135,11 @@ def _parser() -> argparse.ArgumentParser:
     ):
         command = commands.add_parser(name, help=what)
         command.add_argument("folder", type=Path, metavar="DIR", help="the results of a run")
+    explain = commands.add_parser("explain", help="what a run decided of its landmarks, and why")
+    explain.add_argument("folder", type=Path, metavar="DIR", help="the results of a run")
+    explain.add_argument(
+        "--landmark", type=int, metavar="N", help="the story of one, by its id in map.csv"
+    )
     compare = commands.add_parser("compare", help="how far two runs of one recording are apart")
     compare.add_argument("first", type=Path, metavar="DIR", help="the results of a run")
     compare.add_argument("second", type=Path, metavar="DIR", help="the results of another")
@@ -136,6 +176,9 @@ def _add_bench(add_parser: _AddParser) -> None:
     graph = benches.add_parser("graph", help="beside the optimum with true associations")
     _add_seeds(graph, range(1, 51))
     _add_output(graph)
+    online = benches.add_parser("online", help="of the graph in a process of its own, in real time")
+    _add_seeds(online, range(1, 4))
+    _add_output(online)
 
 
 def _add_seeds(parser: argparse.ArgumentParser, default: range) -> None:
@@ -146,6 +189,16 @@ def _add_seeds(parser: argparse.ArgumentParser, default: range) -> None:
         metavar="A-B",
         help=f"of the simulated worlds (default: {default[0]}-{default[-1]}, up to an hour)",
     )
+
+
+def _speed(text: str) -> float:
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = math.nan
+    if not speed > 0.0:
+        raise argparse.ArgumentTypeError(f"expected a positive number, got {text!r}")
+    return speed
 
 
 def _seeds(text: str) -> range:

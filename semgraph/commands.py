@@ -1,6 +1,7 @@
 """What the commands do: the file that brings sources, detectors, pipeline and judge together."""
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -12,13 +13,17 @@ from evaluation.metrics import Metric
 from evaluation.report import evaluate_folder, table_rows
 from evaluation.trajectory import trajectory_difference
 from evaluation.truth_files import write_truth
-from semgraph import pipeline, results, staging, viewer
+from semgraph import explaining, pipeline, results, staging, viewer
 from semgraph.detecting import Effort, Efforts, write_detections
+from semgraph.errors import SemgraphError
+from semgraph.online import OnlineSmoother
+from semgraph.pacing import Pace
 from semgraph.perceiving import Perceiver
 from semgraph.progress import progress
 from semgraph.settings import Settings, load_settings
 from semgraph.trace import Trace
 from sensors.catalog import open_source, source_options
+from sensors.measurements import Recording
 from sensors.plain_perceptions import PERCEPTIONS_FILE
 from sensors.plain_writing import write
 
@@ -38,13 +43,16 @@ def run(
     settings_file: Path | None,
     assignments: Sequence[str],
     live: Path | None = None,
+    online_speed: float | None = None,
 ) -> None:
     """Runs a source, writes its results, and prints what came out.
 
-    `live` is a settings file that is looked at between scans.
+    `live` is a settings file that is looked at between scans. With `online_speed` the graph is in
+    a process of its own, and the recording is played so many times as fast as it was made.
 
     Raises:
-        SemgraphError: anything that a user can put right.
+        SemgraphError: anything that a user can put right; the graph was lost on the way (then the
+            results are written without it).
     """
     console = Console(soft_wrap=True)
     settings = load_settings(settings_file, assignments)
@@ -53,17 +61,38 @@ def run(
     folder = output or staging.new_results_folder(RESULTS, datetime.now().astimezone())
     perceiver, trace = Perceiver(opened.recording, settings, live), Trace()
     effective = _effective(source, settings, perceiver)
-    with results.staged_results(folder) as staged:
-        recording = opened.recording
+    recording = opened.recording
+    pace = None if online_speed is None else Pace(online_speed)
+    with (
+        results.staged_results(folder) as staged,
+        _online(pace, recording, settings) as graph,
+    ):
         with progress(console, recording.name, recording.num_scans) as report:
-            result = pipeline.run(recording, settings, perceiver, report, effective, trace)
+            result = pipeline.run(
+                recording, settings, perceiver, report, effective, trace, graph, pace
+            )
         results.write_files(result, staged)
         write_truth(staged, opened.truth)
         viewer.write_recording(result, staged / RUN_RRD, trace.instants)
         metrics = evaluate_folder(staged)
     unlinked = staging.point_latest(folder) if output is None else None
     _print_comparison(console, metrics)
+    if result.online is not None:
+        console.print(result.online.summary)
     _print_next(console, folder, unlinked)
+    if result.online is not None and result.online.lost:
+        raise SemgraphError(
+            f"graph given up: {result.online.lost}; the fast estimate stands, see {folder}"
+        )
+
+
+def _online(
+    pace: Pace | None, recording: Recording, settings: Settings
+) -> AbstractContextManager[OnlineSmoother | None]:
+    """The graph in a process of its own, where that is asked for."""
+    if pace is None:
+        return nullcontext()
+    return OnlineSmoother(settings.smoother, settings.online, recording.map_T_start)
 
 
 def simulate(source: str, folder: Path, assignments: Sequence[str]) -> None:
@@ -94,6 +123,13 @@ def evaluate(folder: Path) -> None:
     for row in table_rows(metrics):
         table.add_row(*row)
     console.print(table)
+
+
+def explain(folder: Path, landmark: int | None) -> None:
+    """Prints what a run decided of its landmarks, when and why."""
+    console = Console(soft_wrap=True)
+    for line in explaining.explain(results.read(folder), landmark):
+        console.print(line, markup=False, highlight=False)
 
 
 def compare(first: Path, second: Path) -> None:
@@ -152,6 +188,13 @@ def bench_graph(seeds: Sequence[int], output: Path | None) -> None:
     _bench("graph", SECTIONS, seeds, output)
 
 
+def bench_online(seeds: Sequence[int], output: Path | None) -> None:
+    """Measures what the graph beside it costs the scan path, prints and writes it."""
+    from evaluation.bench_online import SECTIONS
+
+    _bench("online", SECTIONS, seeds, output)
+
+
 def _bench(
     name: str, sections: Sequence["Section"], seeds: Sequence[int], output: Path | None
 ) -> None:
@@ -199,13 +242,19 @@ _COMPARED: Final = (
 
 
 def _print_comparison(console: Console, metrics: Sequence[Metric]) -> None:
-    """One table: the fast estimator and the graph side by side."""
+    """One table: the fast estimator, what the graph made of it in time, and in the end."""
     values = {metric.name: metric.value for metric in metrics}
-    table = Table("error in m", "fast", "smoothed")
+    estimates = {"fast": "fast_", "online": "online_", "smoothed": ""}
+    shown = {
+        label: prefix
+        for label, prefix in estimates.items()
+        if any(f"{prefix}{name}" in values for _, name in _COMPARED)
+    }
+    table = Table("error in m", *shown)
     for label, name in _COMPARED:
-        if name in values:
-            fast = values.get(f"fast_{name}")
-            table.add_row(label, "" if fast is None else f"{fast:.3f}", f"{values[name]:.3f}")
+        errors = [values.get(f"{prefix}{name}") for prefix in shown.values()]
+        if any(error is not None for error in errors):
+            table.add_row(label, *("" if error is None else f"{error:.3f}" for error in errors))
     if table.row_count:
         console.print(table)
     else:

@@ -56,6 +56,14 @@ class GraphEstimate:
     map_t_landmarks: dict[int, FloatArray]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Checkpoint:
+    """All variables at one moment, and what they cost."""
+
+    cost: float
+    values: gtsam.Values
+
+
 class FactorGraph:
     """Poses 0, 1, 2, ... joined by odometry, and the landmarks they sighted.
 
@@ -173,11 +181,34 @@ class FactorGraph:
         if gone == kept:
             raise GraphError(f"landmark {gone}: expected another one to merge it with")
         self._check_updated(gone)
-        sightings, place = self._sightings[gone], self.landmark(kept)
-        if any(self._misfit(each, place) > ROBUST_CHI2 for each in sightings):
-            self._firm += sightings
-        self._hand_over(sightings, kept)
+        if self.are_far_apart(gone, kept):
+            self._firm += self._sightings[gone]
+        self._hand_over(self._sightings[gone], kept)
         self._forget(gone)
+
+    def are_far_apart(self, gone: int, kept: int) -> bool:
+        """Whether the kernel would let a sighting of `gone` go if it were one of `kept`."""
+        place = self.landmark(kept)
+        return any(self._misfit(each, place) > ROBUST_CHI2 for each in self._sightings[gone])
+
+    def cost(self) -> float:
+        """Half the sum of all chi-squares, under the kernel; takes time as long as the run."""
+        if not self._is_current:
+            self._read_all()
+        return float(self._isam.getFactorsUnsafe().error(self._estimate))
+
+    def checkpoint(self) -> Checkpoint:
+        """Where everything is now, to go back to if what comes next turns out wrong."""
+        return Checkpoint(self.cost(), self._estimate)
+
+    def go_back(self, checkpoint: Checkpoint) -> None:
+        """Takes in what waits for an update, but everything starts from where it was then.
+
+        What has been split again would else stay near where the wrong merge has brought it.
+        """
+        self._estimate, self._is_current = checkpoint.values, True
+        self._rebuild()
+        self._empty_queue()
 
     def split(self, landmark: int, tracks: Set[int], new: int) -> None:
         """Takes a merge back with the next update: sightings of these tracks are of `new` again.
@@ -249,9 +280,8 @@ class FactorGraph:
         """Sightings that held firmly while the graph moved get their kernel."""
         if not self._firm:
             return
-        nothing = (gtsam.NonlinearFactorGraph(), gtsam.Values(), [], None, None, None, True)
         for _ in range(_SETTLING):
-            self._isam.update(*nothing)
+            _relinearize(self._isam)
         robust = gtsam.NonlinearFactorGraph()
         for sighting in self._firm:
             robust.add(sighting_factor(sighting))
@@ -515,6 +545,11 @@ def _new_isam(factorization: str) -> gtsam.ISAM2:
     params.enablePartialRelinearizationCheck = True
     params.findUnusedFactorSlots = True
     return gtsam.ISAM2(params)
+
+
+def _relinearize(isam: gtsam.ISAM2) -> None:
+    """One step more, with nothing new."""
+    isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), [], None, None, None, True)
 
 
 def _optimum(

@@ -91,16 +91,16 @@ def odometry_factor(odometry: Odometry) -> gtsam.BetweenFactorPose2:
     return gtsam.BetweenFactorPose2(X(odometry.start), X(odometry.end), motion, noise)
 
 
-def sighting_factor(
-    sighting: Sighting, *, is_firm: bool = False
-) -> gtsam.BearingRangeFactor2D:
+def sighting_factor(sighting: Sighting, *, is_firm: bool = False) -> gtsam.BearingRangeFactor2D:
     """A sighting; GTSAM's order is bearing first.
 
     Args:
         sighting: that passed `check_sighting`.
         is_firm: without the robust kernel, however far off it is.
     """
-    noise = gtsam.noiseModel.Gaussian.Covariance(sighting.covariance[::-1, ::-1])
+    noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(
+        sighting.covariance[::-1, ::-1]
+    )
     if not is_firm:
         kernel = gtsam.noiseModel.mEstimator.DCS.Create(ROBUST_CHI2)
         noise = gtsam.noiseModel.Robust.Create(kernel, noise)

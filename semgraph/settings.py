@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from semgraph.errors import SettingsError, known_names
 from semgraph.fast_estimator import FastSettings
+from semgraph.online import OnlineSettings
 from semgraph.smoother import SmootherSettings
 
 
@@ -34,6 +35,7 @@ class Settings(BaseModel):
     fast: FastSettings = FastSettings()
     tracker: TrackerSettings = TrackerSettings()
     smoother: SmootherSettings = SmootherSettings()
+    online: OnlineSettings = OnlineSettings()
 
 
 def load_settings(file: Path | None, assignments: Sequence[str]) -> Settings:

@@ -27,6 +27,7 @@ from semgraph.keyframes import Keyframes
 from semgraph.landmark_registry import LandmarkRegistry, Merge
 from semgraph.landmarks import Gone, Kind, Landmark, Perceptions
 from semgraph.loop_closure import Closure, GraphLandmark, density, duplicates, find_closures
+from semgraph.measurement_model import CHI2_2DOF_999
 from semgraph.tracks import Track
 from sensors.views import View
 
@@ -56,6 +57,8 @@ class SmootherSettings(BaseModel):
 _LOOP_SCANS: Final = 100
 # Among fewer things nobody can tell whether the robot or the thing moves.
 _LEAST_TO_JUDGE: Final = 3
+# What an outline seen from another side adds to the cost of a sighting at most.
+_COST_A_SIGHTING: Final = 3.0
 
 
 class Smoother:
@@ -130,6 +133,10 @@ class Smoother:
         ]
         if self._take_back(merged):
             self._graph.polish()
+
+    def latest(self) -> Pose2:
+        """map_T_base of the last scan: by the last update, and by the fast estimates since."""
+        return self._guess
 
     def trajectory(self) -> Trajectory:
         """The smoothed pose of each scan."""
@@ -314,15 +321,41 @@ class Smoother:
         recent = sorted({track.landmark for track in in_sight})
         if any(track.is_due for track in in_sight):
             odds = float(np.log(self._settings.closure_odds))
-            closures = find_closures(self._graph, self._registry.landmarks, recent, odds)
+            self._close(find_closures(self._graph, self._registry.landmarks, recent, odds))
             for track in in_sight:
                 track.tested = track.known.num_sightings
-            if self._merge(closures):
-                self._graph.update(relinearize=True)
         if self._take_back(self._registry.due(recent, self._scan)):
             self._graph.update(relinearize=True)
         last = self._graph.pose(self._graph.num_poses - 1)
         self._guess = last @ self._keyframes.since_last.pose
+
+    def _close(self, closures: Sequence[Closure]) -> None:
+        """Makes each pair one; all are two again where the graph does not agree.
+
+        A closure that is far off moves much of the graph. What it moves that far must not cost
+        more than the pairs were said to be apart, and what an outline may do to their sightings.
+        """
+        graph = self._graph
+        is_far = any(graph.are_far_apart(each.recent, each.old) for each in closures)
+        before = graph.checkpoint() if is_far else None
+        merged = self._merge(closures)
+        if not merged:
+            return
+        graph.update(relinearize=True)
+        if before is not None:
+            merges = [(each.old, self._registry.merges(each.old)[-1]) for each in merged]
+            sightings = sum(
+                each.track in merge.tracks
+                for landmark, merge in merges
+                for each in graph.sightings(landmark)
+            )
+            most = 0.5 * CHI2_2DOF_999 * len(merged) + _COST_A_SIGHTING * sightings
+            rise = graph.cost() - before.cost
+            if rise > most:
+                for landmark, merge in merges:
+                    why = f"the graph's cost rose by {rise:.0f}; {most:.0f} were to be expected"
+                    self._split(landmark, merge, why)
+                graph.go_back(before)
 
     def _merge_duplicates(self, changed: set[int], note: Callable[[str], None]) -> None:
         """Until there are no more that involve what has changed."""
@@ -375,12 +408,17 @@ class Smoother:
                 density(self._graph, landmark),
             )
             if odds < least:
-                self._graph.split(landmark, merge.tracks, merge.recent)
-                alone = self._registry.split(landmark, merge)
                 why = f"taken for one with log odds {merge.log_odds:.1f}"
-                self._decide(What.TAKEN_BACK, alone, known, landmark, odds, why)
+                self._split(landmark, merge, why, odds)
                 num_taken_back += 1
         return num_taken_back
+
+    def _split(self, landmark: int, merge: Merge, why: str, log_odds: float = float("nan")) -> None:
+        """Makes two of one again."""
+        known = self._registry.landmarks[landmark]
+        self._graph.split(landmark, merge.tracks, merge.recent)
+        alone = self._registry.split(landmark, merge)
+        self._decide(What.TAKEN_BACK, alone, known, landmark, log_odds, why)
 
     def _decide(
         self,
