@@ -4,6 +4,7 @@ Triangles that are alike propose poses; those that most triangles agree on are s
 map, and the odds of each are counted against chance and against all the others.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -24,7 +25,7 @@ _SIDE_SIGMAS: Final = 2.0
 # Less certain landmarks of the map propose no poses, but pair with what is seen.
 _SURE_SHARE: Final = 0.9
 _MAX_TRIANGLES: Final = 300
-_MAX_MATCHES: Final = 200_000
+_MAX_MATCHES: Final = 100_000
 _MAX_POINTS: Final = 40_000
 _MAX_SETTLED: Final = 64
 _CELL_SIGMAS: Final = 4.0
@@ -86,7 +87,9 @@ class MapIndex:
         settled = [likelihood.settle(Pose2.from_array(pose), 2.0 * sigma_m) for pose in poses]
         found = [each for each in settled if each is not None and _is_a_shape(each, seen)]
         distinct = _distinct(found)
-        log_odds = _against_all_others(distinct, settled, num_left_out)
+        log_odds = _against_all_others(
+            [each.log_odds for each in distinct], _left_out(settled, num_left_out)
+        )
         local_T_centre = UncertainPose2(Pose2(*(-middle).tolist()), np.zeros((3, 3)))
         placements = [
             Placement(each.map_T_centre @ local_T_centre, each.rows, each.columns, odds)
@@ -203,33 +206,40 @@ def _apart(poses: FloatArray, fits: FloatArray, radii: FloatArray) -> tuple[IntA
     return np.array(chosen, dtype=np.int64), int(np.isfinite(left).sum())
 
 
-def _distinct(found: list[Hypothesis]) -> list[Hypothesis]:
+def _is_repeated(hypothesis: Hypothesis, others: Iterable[Hypothesis]) -> bool:
+    """Whether most of its pairs are those of another one."""
+    pairs = hypothesis.pairs()
+    return any(2 * len(pairs & other.pairs()) > len(pairs) for other in others)
+
+
+def _distinct(found: Iterable[Hypothesis]) -> list[Hypothesis]:
     """The best first, without those that mostly repeat the pairs of a better one."""
     kept: list[Hypothesis] = []
     for each in sorted(found, key=lambda hypothesis: -hypothesis.log_odds):
-        pairs = set(zip(each.rows.tolist(), each.columns.tolist(), strict=True))
-        others = (set(zip(k.rows.tolist(), k.columns.tolist(), strict=True)) for k in kept)
-        if all(2 * len(pairs & other) <= len(pairs) for other in others):
+        if not _is_repeated(each, kept):
             kept.append(each)
     return kept
 
 
-def _against_all_others(
-    distinct: list[Hypothesis], settled: list[Hypothesis | None], num_left_out: int
-) -> list[float]:
-    """Log odds of each against all others, being nowhere, and poses that were not settled.
+def _left_out(settled: Sequence[Hypothesis | None], num_left_out: int) -> float:
+    """The log odds to fear of poses that were not settled: of the best of so many draws.
 
-    Those are taken to be as good as the worse half of the settled.
+    They are taken to be drawn as the worse half of the settled, in a normal distribution.
     """
-    own = np.array([each.log_odds for each in distinct])
-    worse = [
-        each.log_odds if each is not None and each in distinct else -np.inf
-        for each in settled[len(settled) // 2 :]
-    ]
-    rest = -np.inf
-    if num_left_out and worse:
-        rest = float(np.logaddexp.reduce(worse)) + np.log(num_left_out / len(worse))
+    half = len(settled) // 2
+    better = [each for each in settled[:half] if each is not None]
+    worse = [each for each in settled[half:] if each is not None]
+    log_odds = [each.log_odds for each in worse if not _is_repeated(each, better)]
+    num_draws = num_left_out * len(log_odds) / max(len(settled) - half, 1)
+    if num_draws < 1.0:
+        return -np.inf
+    return float(np.mean(log_odds) + np.std(log_odds) * (2.0 * np.log(num_draws)) ** 0.5)
+
+
+def _against_all_others(log_odds: Sequence[float], left_out: float) -> list[float]:
+    """Of each against all others, being nowhere, and what was left out."""
+    own = np.array(log_odds)
     return [
-        float(odds - np.logaddexp.reduce([0.0, rest, *np.delete(own, k)]))
-        for k, odds in enumerate(own.tolist())
+        float(odds - np.logaddexp.reduce([0.0, left_out, *np.delete(own, k)]))
+        for k, odds in enumerate(log_odds)
     ]

@@ -84,8 +84,8 @@ class MappedConstellation:
     Attributes:
         landmarks: of the map.
         tree: of their positions.
-        spacings_m: (n,) within which a landmark nearly always has another one.
-        densities: (n,) per m2, of its kind around each.
+        spacings_m: (n,) within which there nearly always is a landmark, if there are any.
+        densities: of each kind, per m2, around a typical landmark.
         area_m2: that the map covers.
         sizes: of each kind, quantiles of its diameters and their typical sigma, m.
     """
@@ -93,7 +93,7 @@ class MappedConstellation:
     landmarks: Constellation
     tree: KDTree
     spacings_m: FloatArray
-    densities: FloatArray
+    densities: dict[int, float]
     area_m2: float
     sizes: dict[int, tuple[FloatArray, float]]
 
@@ -101,15 +101,32 @@ class MappedConstellation:
     def of(cls, landmarks: Constellation) -> Self:
         """What the landmarks of a map tell together."""
         tree = KDTree(landmarks.positions)
-        k = max(min(_NUM_NEIGHBOURS, len(landmarks) - 1), 1)
-        farthest_m = tree.query(landmarks.positions, [k + 1])[0][:, 0]
-        areas_m2 = np.maximum(np.pi * farthest_m**2 / k, 1e-6)
-        kinds, index, counts = np.unique(landmarks.kinds, return_inverse=True, return_counts=True)
-        shares = (counts / len(landmarks))[index]
-        sizes = {kind: _sizes(landmarks, landmarks.kinds == kind) for kind in kinds.tolist()}
-        # exp(-4): the share of a forest's circles of this radius that are empty.
-        spacings_m = 2.0 * np.sqrt(areas_m2 / np.pi)
-        return cls(landmarks, tree, spacings_m, shares / areas_m2, float(areas_m2.sum()), sizes)
+        areas_m2 = _areas_m2(tree)
+        density = float(np.exp(-np.log(areas_m2).mean())) if len(landmarks) else 0.0
+        kinds, counts = np.unique(landmarks.kinds, return_counts=True)
+        shares = dict(zip(kinds.tolist(), (counts / len(landmarks)).tolist(), strict=True))
+        return cls(
+            landmarks,
+            tree,
+            # exp(-4): the share of a forest's circles of this radius that are empty.
+            2.0 * np.sqrt(areas_m2 / np.pi),
+            {kind: density * share for kind, share in shares.items()},
+            float(areas_m2.sum()),
+            {kind: _sizes(landmarks, landmarks.kinds == kind) for kind in shares},
+        )
+
+
+def surrounding_density(positions: FloatArray) -> float:
+    """Landmarks per m2 around a typical one of (n, 2) positions, n > 1."""
+    return float(np.exp(-np.log(_areas_m2(KDTree(positions))).mean()))
+
+
+def _areas_m2(tree: KDTree) -> FloatArray:
+    """(n,) of the ground that is each landmark's share, by the distance of its neighbours."""
+    k = max(min(_NUM_NEIGHBOURS, tree.n - 1), 1)
+    farthest_m = tree.query(tree.data, [k + 1])[0][:, 0]
+    areas_m2: FloatArray = np.maximum(np.pi * farthest_m**2 / k, 1e-6)
+    return areas_m2
 
 
 def _sizes(landmarks: Constellation, chosen: BoolArray) -> tuple[FloatArray, float]:

@@ -10,7 +10,11 @@ from scipy.spatial import Delaunay, QhullError
 from semgraph.alignment import fuse_with_prior
 from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.geometry import Pose2, UncertainPose2, rotation
-from semgraph.mapped_constellation import Constellation, MappedConstellation
+from semgraph.mapped_constellation import (
+    Constellation,
+    MappedConstellation,
+    surrounding_density,
+)
 from semgraph.measurement_model import CHI2_2DOF_999, diameter_log_likelihoods, mahalanobis2
 
 # How many of the landmarks in sight are perceived, and how many of the perceived are not mapped.
@@ -18,6 +22,9 @@ _SEEN: Final = 0.85
 _UNMAPPED: Final = 0.15
 # That something elsewhere bears the same identity.
 _NAMESAKE: Final = 1e-3
+# By how much more than they say covariances may be wrong; where everything looks alike, the errors
+# of the map would else tell places apart.
+_DOUBT: Final = 2.0
 # No prior for the pose: wider than any map, flat beside what two landmarks tell.
 _ANYWHERE: Final = np.diag([1e8, 1e8, 1e2])
 
@@ -31,6 +38,10 @@ class Hypothesis:
     columns: IntArray
     log_odds: float
 
+    def pairs(self) -> set[tuple[int, int]]:
+        """Rows and columns together."""
+        return set(zip(self.rows.tolist(), self.columns.tolist(), strict=True))
+
 
 class Likelihood:
     """Of what is seen, as a function of the pose of its centre in the map."""
@@ -39,10 +50,11 @@ class Likelihood:
         self._mapped, self._seen, self._gate_m = mapped, seen, gate_m
         self._view = _view(seen.positions)
         self._radius_m = float(np.linalg.norm(seen.positions, axis=1).max())
+        self._densities = _densities(mapped, seen)
         self._size_chances = self._chances()
 
     def settle(self, map_T_centre: Pose2, slack_m: float) -> Hypothesis | None:
-        """The best placement near a rough pose, or None where fewer than two landmarks pair.
+        """The best placement near a rough pose, or None where no two landmarks stay paired.
 
         Args:
             map_T_centre: of what is seen; its positions are about its centre.
@@ -56,7 +68,7 @@ class Likelihood:
                 return None
             pose = self._fitted(pose, rows, columns)
         log_odds = self._scene(pose.pose, 0.0).log_odds(rows, columns) + self._occam(pose)
-        return Hypothesis(pose, rows, columns, log_odds)
+        return Hypothesis(pose, rows, columns, log_odds) if np.isfinite(log_odds) else None
 
     def _fitted(self, pose: UncertainPose2, rows: IntArray, columns: IntArray) -> UncertainPose2:
         return fuse_with_prior(
@@ -69,7 +81,7 @@ class Likelihood:
 
     def _occam(self, pose: UncertainPose2) -> float:
         """Ln of the share of all poses of the map that the pairs leave: Laplace's method."""
-        log_left = 0.5 * (3.0 * np.log(2.0 * np.pi) + np.linalg.slogdet(pose.covariance)[1])
+        log_left = 0.5 * np.linalg.slogdet(2.0 * np.pi * _DOUBT * pose.covariance)[1]
         return min(0.0, float(log_left - np.log(2.0 * np.pi * self._mapped.area_m2)))
 
     def _covariances(self, pose: Pose2, rows: IntArray, columns: IntArray) -> FloatArray:
@@ -102,8 +114,8 @@ class Likelihood:
         in_centre = pose.inverse().transform(mapped.positions[columns])
         covariances = self._covariances(pose, rows, columns) + slack_m2 * np.eye(2)
         distances2 = mahalanobis2(in_centre - seen.positions[rows], covariances)
-        log_likelihoods = -0.5 * distances2 - 0.5 * np.log(np.linalg.det(covariances))
-        gains = log_likelihoods - np.log(2.0 * np.pi * self._mapped.densities[columns] / _SEEN)
+        log_likelihoods = -0.5 * distances2 / _DOUBT - 0.5 * np.log(np.linalg.det(covariances))
+        gains = log_likelihoods - np.log(2.0 * np.pi * _DOUBT * self._densities[rows] / _SEEN)
         gains += self._size_gains(rows, columns)
         named, same = (
             seen.identities[rows] != "",
@@ -180,6 +192,18 @@ class _Scene:
         gains = dict(zip(zip(self.rows, self.columns, strict=True), self.gains, strict=True))
         pairs = sum(gains.get(pair, -np.inf) for pair in zip(rows, columns, strict=True))
         return float(pairs + unpaired + num_missed * np.log(1.0 - _SEEN))
+
+
+def _densities(mapped: MappedConstellation, seen: Constellation) -> FloatArray:
+    """(n,) per m2, of each kind seen, where it is not the map: as in the map, or as it looks here.
+
+    Whichever is more: it explains better what is seen without the map.
+    """
+    same_kind = seen.kinds[:, None] == seen.kinds[None]
+    here = surrounding_density(seen.positions) * same_kind.mean(axis=1)
+    in_map = np.array([mapped.densities.get(kind, 0.0) for kind in seen.kinds.tolist()])
+    densities: FloatArray = np.maximum(here, in_map)
+    return densities
 
 
 def _view(positions: FloatArray) -> tuple[Delaunay, BoolArray] | None:
