@@ -224,7 +224,8 @@ def _distinct(found: Iterable[Hypothesis]) -> list[Hypothesis]:
 def _left_out(settled: Sequence[Hypothesis | None], num_left_out: int) -> float:
     """The log odds to fear of poses that were not settled: of the best of so many draws.
 
-    They are taken to be drawn as the worse half of the settled, in a normal distribution.
+    They are taken to be drawn as the worse half of the settled, where the best of n draws is
+    sqrt(2 ln n) sigma above the middle.
     """
     half = len(settled) // 2
     better = [each for each in settled[:half] if each is not None]
@@ -233,7 +234,9 @@ def _left_out(settled: Sequence[Hypothesis | None], num_left_out: int) -> float:
     num_draws = num_left_out * len(log_odds) / max(len(settled) - half, 1)
     if num_draws < 1.0:
         return -np.inf
-    return float(np.mean(log_odds) + np.std(log_odds) * (2.0 * np.log(num_draws)) ** 0.5)
+    middle, best = np.median(log_odds), max(log_odds)
+    sigmas_more = (np.log(1.0 + num_draws) / np.log(1.0 + len(log_odds))) ** 0.5
+    return float(middle + (best - middle) * max(sigmas_more, 1.0))
 
 
 def _against_all_others(log_odds: Sequence[float], left_out: float) -> list[float]:
