@@ -29,6 +29,8 @@ _MAX_MATCHES: Final = 100_000
 _MAX_POINTS: Final = 40_000
 _MAX_SETTLED: Final = 64
 _CELL_SIGMAS: Final = 4.0
+# How much of a better fit errors of the map may feign where places look alike.
+_BY_ERRORS: Final = 0.5
 # Two named landmarks say more than many triangles.
 _NAMED_VOTES: Final = 100.0
 
@@ -87,9 +89,10 @@ class MapIndex:
         settled = [likelihood.settle(Pose2.from_array(pose), 2.0 * sigma_m) for pose in poses]
         found = [each for each in settled if each is not None and _is_a_shape(each, seen)]
         distinct = _distinct(found)
-        log_odds = _against_all_others(
-            [each.log_odds for each in distinct], _left_out(settled, num_left_out)
-        )
+        if not distinct:
+            return ()
+        left_out = _left_out(distinct[0], settled, num_left_out)
+        log_odds = _against_all_others(distinct, left_out)
         local_T_centre = UncertainPose2(Pose2(*(-middle).tolist()), np.zeros((3, 3)))
         placements = [
             Placement(each.map_T_centre @ local_T_centre, each.rows, each.columns, odds)
@@ -221,7 +224,12 @@ def _distinct(found: Iterable[Hypothesis]) -> list[Hypothesis]:
     return kept
 
 
-def _left_out(settled: Sequence[Hypothesis | None], num_left_out: int) -> float:
+def _rival(hypothesis: Hypothesis, best: Hypothesis) -> float:
+    """Its log odds in the face of a better one, which may fit better by the map's errors alone."""
+    return hypothesis.log_odds + _BY_ERRORS * max(hypothesis.misfit - best.misfit, 0.0)
+
+
+def _left_out(best: Hypothesis, settled: Sequence[Hypothesis | None], num_left_out: int) -> float:
     """The log odds to fear of poses that were not settled: of the best of so many draws.
 
     They are taken to be drawn as the worse half of the settled, where the best of n draws is
@@ -230,19 +238,19 @@ def _left_out(settled: Sequence[Hypothesis | None], num_left_out: int) -> float:
     half = len(settled) // 2
     better = [each for each in settled[:half] if each is not None]
     worse = [each for each in settled[half:] if each is not None]
-    log_odds = [each.log_odds for each in worse if not _is_repeated(each, better)]
+    log_odds = [_rival(each, best) for each in worse if not _is_repeated(each, better)]
     num_draws = num_left_out * len(log_odds) / max(len(settled) - half, 1)
     if num_draws < 1.0:
         return -np.inf
-    middle, best = np.median(log_odds), max(log_odds)
+    middle, most = np.median(log_odds), max(log_odds)
     sigmas_more = (np.log(1.0 + num_draws) / np.log(1.0 + len(log_odds))) ** 0.5
-    return float(middle + (best - middle) * max(sigmas_more, 1.0))
+    return float(middle + (most - middle) * max(sigmas_more, 1.0))
 
 
-def _against_all_others(log_odds: Sequence[float], left_out: float) -> list[float]:
-    """Of each against all others, being nowhere, and what was left out."""
-    own = np.array(log_odds)
+def _against_all_others(distinct: Sequence[Hypothesis], left_out: float) -> list[float]:
+    """Log odds of each against all others, being nowhere, and what was left out."""
+    rivals = [[_rival(other, each) for other in distinct if other is not each] for each in distinct]
     return [
-        float(odds - np.logaddexp.reduce([0.0, left_out, *np.delete(own, k)]))
-        for k, odds in enumerate(log_odds)
+        float(each.log_odds - np.logaddexp.reduce([0.0, left_out, *others]))
+        for each, others in zip(distinct, rivals, strict=True)
     ]

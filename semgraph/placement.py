@@ -22,8 +22,7 @@ _SEEN: Final = 0.85
 _UNMAPPED: Final = 0.15
 # That something elsewhere bears the same identity.
 _NAMESAKE: Final = 1e-3
-# By how much more than they say covariances may be wrong; where everything looks alike, the errors
-# of the map would else tell places apart.
+# By how much covariances of positions and diameters may be too small.
 _DOUBT: Final = 2.0
 # No prior for the pose: wider than any map, flat beside what two landmarks tell.
 _ANYWHERE: Final = np.diag([1e8, 1e8, 1e2])
@@ -31,12 +30,20 @@ _ANYWHERE: Final = np.diag([1e8, 1e8, 1e2])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
-    """A pose with its pairs, and its log odds against chance before any rival is heard."""
+    """A pose with its pairs.
+
+    Attributes:
+        map_T_centre: of what is seen.
+        rows, columns: (k,) seen and mapped.
+        log_odds: against chance, before any rival is heard.
+        misfit: how much of them the pairs cost by not fitting exactly.
+    """
 
     map_T_centre: UncertainPose2
     rows: IntArray
     columns: IntArray
     log_odds: float
+    misfit: float
 
     def pairs(self) -> set[tuple[int, int]]:
         """Rows and columns together."""
@@ -68,7 +75,19 @@ class Likelihood:
                 return None
             pose = self._fitted(pose, rows, columns)
         log_odds = self._scene(pose.pose, 0.0).log_odds(rows, columns) + self._occam(pose)
-        return Hypothesis(pose, rows, columns, log_odds) if np.isfinite(log_odds) else None
+        if not np.isfinite(log_odds):
+            return None
+        return Hypothesis(pose, rows, columns, log_odds, self._misfit(pose.pose, rows, columns))
+
+    def _misfit(self, pose: Pose2, rows: IntArray, columns: IntArray) -> float:
+        covariances = self._covariances(pose, rows, columns)
+        return float(0.5 * self._distances2(pose, rows, columns, covariances).sum() / _DOUBT)
+
+    def _distances2(
+        self, pose: Pose2, rows: IntArray, columns: IntArray, covariances: FloatArray
+    ) -> FloatArray:
+        in_centre = pose.inverse().transform(self._mapped.landmarks.positions[columns])
+        return mahalanobis2(in_centre - self._seen.positions[rows], covariances)
 
     def _fitted(self, pose: UncertainPose2, rows: IntArray, columns: IntArray) -> UncertainPose2:
         return fuse_with_prior(
@@ -111,9 +130,8 @@ class Likelihood:
     def _gains(self, pose: Pose2, rows: IntArray, columns: IntArray, slack_m2: float) -> FloatArray:
         """(k,) what pairs add to the log odds; -inf where they contradict."""
         mapped, seen = self._mapped.landmarks, self._seen
-        in_centre = pose.inverse().transform(mapped.positions[columns])
         covariances = self._covariances(pose, rows, columns) + slack_m2 * np.eye(2)
-        distances2 = mahalanobis2(in_centre - seen.positions[rows], covariances)
+        distances2 = self._distances2(pose, rows, columns, covariances)
         log_likelihoods = -0.5 * distances2 / _DOUBT - 0.5 * np.log(np.linalg.det(covariances))
         gains = log_likelihoods - np.log(2.0 * np.pi * _DOUBT * self._densities[rows] / _SEEN)
         gains += self._size_gains(rows, columns)
@@ -131,9 +149,9 @@ class Likelihood:
         gains = (
             diameter_log_likelihoods(
                 seen.diameters_m[rows],
-                seen.diameter_sigmas_m[rows],
+                _DOUBT**0.5 * seen.diameter_sigmas_m[rows],
                 mapped.diameters_m[columns],
-                mapped.diameter_sigmas_m[columns],
+                _DOUBT**0.5 * mapped.diameter_sigmas_m[columns],
             )
             - self._size_chances[rows]
         )
@@ -146,9 +164,9 @@ class Likelihood:
             rows = np.flatnonzero(seen.kinds == kind)
             each = diameter_log_likelihoods(
                 seen.diameters_m[rows, None],
-                seen.diameter_sigmas_m[rows, None],
+                _DOUBT**0.5 * seen.diameter_sigmas_m[rows, None],
                 quantiles_m[None],
-                np.full((1, len(quantiles_m)), sigma_m),
+                np.full((1, len(quantiles_m)), _DOUBT**0.5 * sigma_m),
             )
             if len(quantiles_m):
                 chances[rows] = np.logaddexp.reduce(each, axis=1) - np.log(len(quantiles_m))
