@@ -24,6 +24,8 @@ _REACH_M: Final = 20.0
 _SIDE_SIGMAS: Final = 2.0
 # Less certain landmarks of the map propose no poses, but pair with what is seen.
 _SURE_SHARE: Final = 0.9
+# Finer cells and gates would cost, and tell nothing more.
+_LEAST_SIGMA_M: Final = 0.01
 _MAX_TRIANGLES: Final = 300
 _MAX_MATCHES: Final = 100_000
 _MAX_POINTS: Final = 40_000
@@ -68,10 +70,12 @@ class MapIndex:
     def __init__(self, mapped: Constellation, reach_m: float = _REACH_M) -> None:
         self._reach_m = reach_m
         self._mapped = MappedConstellation.of(mapped)
-        self._variance = float(np.quantile(mapped.variances, _SURE_SHARE)) if len(mapped) else 0.0
-        sure = np.flatnonzero(mapped.variances <= self._variance)
-        self._sure = sure
-        self._triangles = TriangleIndex(mapped.positions[sure], mapped.kinds[sure], reach_m)
+        typical = float(np.quantile(mapped.variances, _SURE_SHARE)) if len(mapped) else 0.0
+        self._variance = max(typical, _LEAST_SIGMA_M**2)
+        self._sure = np.flatnonzero(mapped.variances <= self._variance)
+        self._triangles = TriangleIndex(
+            mapped.positions[self._sure], mapped.kinds[self._sure], reach_m
+        )
 
     def place(self, seen: Constellation, max_placements: int = 10) -> tuple[Placement, ...]:
         """The placements of `seen`, the most probable first.
@@ -84,8 +88,9 @@ class MapIndex:
         centred = replace(seen, positions=seen.positions - middle)
         sigma_m = (self._variance + float(np.median(seen.variances))) ** 0.5
         poses, num_left_out = self._shortlist(centred, sigma_m)
-        gate_m = (CHI2_2DOF_999 * (self._variance + float(seen.variances.max()))) ** 0.5
-        likelihood = Likelihood(self._mapped, centred, gate_m)
+        # The trace: no axis has a larger variance.
+        gates_m = (CHI2_2DOF_999 * 2.0 * (self._variance + seen.variances)) ** 0.5
+        likelihood = Likelihood(self._mapped, centred, gates_m)
         settled = [likelihood.settle(Pose2.from_array(pose), 2.0 * sigma_m) for pose in poses]
         found = [each for each in settled if each is not None and _is_a_shape(each, seen)]
         distinct = _distinct(found)

@@ -51,10 +51,18 @@ class Hypothesis:
 
 
 class Likelihood:
-    """Of what is seen, as a function of the pose of its centre in the map."""
+    """Of what is seen, as a function of the pose of its centre in the map.
 
-    def __init__(self, mapped: MappedConstellation, seen: Constellation, gate_m: float) -> None:
-        self._mapped, self._seen, self._gate_m = mapped, seen, gate_m
+    Args:
+        mapped: the map.
+        seen: about its centre.
+        gates_m: (n,) how far from a landmark seen a mapped one may be.
+    """
+
+    def __init__(
+        self, mapped: MappedConstellation, seen: Constellation, gates_m: FloatArray
+    ) -> None:
+        self._mapped, self._seen, self._gates_m = mapped, seen, gates_m
         self._view = _view(seen.positions)
         self._radius_m = float(np.linalg.norm(seen.positions, axis=1).max())
         self._densities = _densities(mapped, seen)
@@ -113,7 +121,7 @@ class Likelihood:
         """What there is to pair at a pose, and what it costs not to."""
         mapped, seen = self._mapped, self._seen
         places = pose.transform(seen.positions)
-        near = mapped.tree.query_ball_point(places, self._gate_m + slack_m2**0.5)
+        near = mapped.tree.query_ball_point(places, self._gates_m + slack_m2**0.5)
         rows = np.repeat(np.arange(len(seen)), [len(each) for each in near])
         columns = np.concatenate([np.asarray(each, dtype=np.int64) for each in near])
         gains = self._gains(pose, rows, columns, slack_m2)
@@ -135,10 +143,8 @@ class Likelihood:
         log_likelihoods = -0.5 * distances2 / _DOUBT - 0.5 * np.log(np.linalg.det(covariances))
         gains = log_likelihoods - np.log(2.0 * np.pi * _DOUBT * self._densities[rows] / _SEEN)
         gains += self._size_gains(rows, columns)
-        named, same = (
-            seen.identities[rows] != "",
-            seen.identities[rows] == mapped.identities[columns],
-        )
+        named = seen.identities[rows] != ""
+        same = seen.identities[rows] == mapped.identities[columns]
         gains -= np.where(named & same, np.log(_NAMESAKE), 0.0)
         allowed = (distances2 <= CHI2_2DOF_999) & (seen.kinds[rows] == mapped.kinds[columns])
         return np.where(allowed & (same | ~named), gains, -np.inf)
@@ -207,8 +213,10 @@ class _Scene:
         """Of these pairs, all others unmapped or missed, against nothing of it being mapped."""
         unpaired = np.delete(self.unpaired, rows).sum()
         num_missed = len(np.setdiff1d(self.expected, columns))
-        gains = dict(zip(zip(self.rows, self.columns, strict=True), self.gains, strict=True))
-        pairs = sum(gains.get(pair, -np.inf) for pair in zip(rows, columns, strict=True))
+        is_paired = np.isin(self.rows + 1j * self.columns, rows + 1j * columns)
+        if is_paired.sum() < len(rows):
+            return -np.inf
+        pairs = self.gains[is_paired].sum()
         return float(pairs + unpaired + num_missed * np.log(1.0 - _SEEN))
 
 
