@@ -31,8 +31,9 @@ _MAX_MATCHES: Final = 100_000
 _MAX_POINTS: Final = 40_000
 _MAX_SETTLED: Final = 64
 _CELL_SIGMAS: Final = 4.0
-# How much of a better fit errors of the map may feign where places look alike.
-_BY_ERRORS: Final = 0.5
+# What is better than a rival with nearly as many pairs: half may be the map's errors and clutter.
+_NEARLY_AS_MANY: Final = 0.8
+_FEIGNED: Final = 0.5
 # Two named landmarks say more than many triangles.
 _NAMED_VOTES: Final = 100.0
 
@@ -230,8 +231,10 @@ def _distinct(found: Iterable[Hypothesis]) -> list[Hypothesis]:
 
 
 def _rival(hypothesis: Hypothesis, best: Hypothesis) -> float:
-    """Its log odds in the face of a better one, which may fit better by the map's errors alone."""
-    return hypothesis.log_odds + _BY_ERRORS * max(hypothesis.misfit - best.misfit, 0.0)
+    """Its log odds in the face of a better one, which may be better by chance alone."""
+    looks_alike = len(hypothesis.rows) >= _NEARLY_AS_MANY * len(best.rows)
+    behind = max(best.log_odds - hypothesis.log_odds, 0.0)
+    return hypothesis.log_odds + (_FEIGNED * behind if looks_alike else 0.0)
 
 
 def _left_out(best: Hypothesis, settled: Sequence[Hypothesis | None], num_left_out: int) -> float:

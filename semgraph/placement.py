@@ -36,14 +36,12 @@ class Hypothesis:
         map_T_centre: of what is seen.
         rows, columns: (k,) seen and mapped.
         log_odds: against chance, before any rival is heard.
-        misfit: how much of them the pairs cost by not fitting exactly.
     """
 
     map_T_centre: UncertainPose2
     rows: IntArray
     columns: IntArray
     log_odds: float
-    misfit: float
 
     def pairs(self) -> set[tuple[int, int]]:
         """Rows and columns together."""
@@ -83,13 +81,7 @@ class Likelihood:
                 return None
             pose = self._fitted(pose, rows, columns)
         log_odds = self._scene(pose.pose, 0.0).log_odds(rows, columns) + self._occam(pose)
-        if not np.isfinite(log_odds):
-            return None
-        return Hypothesis(pose, rows, columns, log_odds, self._misfit(pose.pose, rows, columns))
-
-    def _misfit(self, pose: Pose2, rows: IntArray, columns: IntArray) -> float:
-        covariances = self._covariances(pose, rows, columns)
-        return float(0.5 * self._distances2(pose, rows, columns, covariances).sum() / _DOUBT)
+        return Hypothesis(pose, rows, columns, log_odds) if np.isfinite(log_odds) else None
 
     def _distances2(
         self, pose: Pose2, rows: IntArray, columns: IntArray, covariances: FloatArray
