@@ -73,3 +73,17 @@ def diameters_contradict(
             + _LOG_DIAMETER_SIGMA**2
         )
         return np.asarray(np.log(first_m / second_m) ** 2 > _DIAMETER_GATE * variances)
+
+
+def diameter_log_likelihoods(
+    first_m: FloatArray,
+    first_sigmas_m: FloatArray,
+    second_m: FloatArray,
+    second_sigmas_m: FloatArray,
+) -> FloatArray:
+    """Ln N of the differences of diameters (broadcast together) of one object; NaN if unknown."""
+    variances = first_sigmas_m**2 + second_sigmas_m**2 + (_LOG_DIAMETER_SIGMA * second_m) ** 2
+    log_likelihoods: FloatArray = -0.5 * (
+        (first_m - second_m) ** 2 / variances + np.log(2.0 * np.pi * variances)
+    )
+    return log_likelihoods
