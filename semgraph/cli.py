@@ -10,10 +10,13 @@ from semgraph.errors import SemgraphError
 
 _AddParser = Callable[..., argparse.ArgumentParser]
 _MAX_SEEDS = 10_000
+_DATA = Path("..", "shared", "data")
 _SOURCES = """\
 sources:
   course:paper            the paper's round course from laser scans (--set seed=1, odometry=true)
   course:forest           a dense stand on uneven ground (person=true, felled=true, stem_map=FILE)
+  course:eight            a figure of eight through a real stand (stem_map=FILE)
+  course:lanes            a wood driven lane by lane (--set length_m=2000)
   course:rocks            rocks on rough ground, by a depth camera (--set rock_share=0.05)
   course:car-park         reflecting posts, by a laser; course:markers: AprilTags, by a camera
   course:perceptions      the paper's with perceptions ready made (--set clutter=1)
@@ -57,7 +60,7 @@ def _call(parsed: argparse.Namespace) -> None:
         case "view":
             commands.view(parsed.folder)
         case "bench" if parsed.bench == "graph":
-            commands.bench_graph(parsed.seeds, parsed.output)
+            commands.bench_graph(parsed.seeds, parsed.output, parsed.data, parsed.only)
         case "bench":
             commands.bench_detectors(parsed.seeds, parsed.output, parsed.data)
 
@@ -135,6 +138,20 @@ def _add_bench(add_parser: _AddParser) -> None:
     _add_output(detectors)
     graph = benches.add_parser("graph", help="beside the optimum with true associations")
     _add_seeds(graph, range(1, 51))
+    graph.add_argument(
+        "--data",
+        type=Path,
+        default=_DATA,
+        metavar="DIR",
+        help=f"the real recordings and stem maps (default: {_DATA})",
+    )
+    graph.add_argument(
+        "--only",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="sections that begin with this, may be repeated; `long` is measured only if asked for",
+    )
     _add_output(graph)
 
 
