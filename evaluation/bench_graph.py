@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from evaluation import bench_real, bench_replay
+from evaluation import bench_faults, bench_long, bench_real, bench_replay
 from evaluation.alignment import rigid_alignment
 from evaluation.bench import Section
 from evaluation.bench_runs import known, run_course
@@ -204,4 +204,10 @@ def courses(data: Path) -> tuple[Section, ...]:
 
 def sections(data: Path) -> tuple[Section, ...]:
     """All figures of the graph; `data` is the folder of the real recordings."""
-    return (*courses(data), *bench_real.sections(data), bench_replay.SECTION)
+    return (
+        *courses(data),
+        *bench_real.sections(data),
+        bench_replay.SECTION,
+        bench_faults.SECTION,
+        *bench_long.SECTIONS,
+    )
