@@ -4,8 +4,9 @@ Stored as a structure of arrays with a hash grid, so that what is near is found 
 of the map's size.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from enum import Enum
+from itertools import product
 
 import numpy as np
 
@@ -56,16 +57,22 @@ class NavigationMap:
 
         Only those last sighted at a distance driven of `since_m` or more.
         """
-        low = np.floor((map_t_point - radius_m) / _CELL_M).astype(int)
-        high = np.floor((map_t_point + radius_m) / _CELL_M).astype(int)
         found: list[int] = []
-        for column in range(low[0], high[0] + 1):
-            for row in range(low[1], high[1] + 1):
-                found.extend(self._cells.get((column, row), ()))
+        for cell in self._cells_about(map_t_point, radius_m):
+            found.extend(self._cells.get(cell, ()))
         ids = np.array(sorted(found), dtype=np.int64)
         offsets = self._positions[ids] - map_t_point
         is_near = np.hypot(offsets[:, 0], offsets[:, 1]) <= radius_m
         return ids[is_near & (self._seen_at_m[ids] >= since_m)]
+
+    def _cells_about(self, map_t_point: FloatArray, radius_m: float) -> Iterable[tuple[int, int]]:
+        """Those of the square around a circle; all there are, where the square has more."""
+        low = np.floor((map_t_point - radius_m) / _CELL_M)
+        high = np.floor((map_t_point + radius_m) / _CELL_M)
+        if np.prod(high - low + 1.0) >= len(self._cells):
+            return tuple(self._cells)
+        (left, bottom), (right, top) = low.astype(int).tolist(), high.astype(int).tolist()
+        return product(range(left, right + 1), range(bottom, top + 1))
 
     def with_identity(self, kind: Kind, identity: str) -> int | None:
         """The id of the landmark that bears this identity."""
