@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -17,6 +16,9 @@ from sensors.catalog import open_source
 from sensors.truth import Source
 
 NUM_FAULTS: Final = 10_000
+_FAULTS_A_BATCH: Final = 200
+# So many runs hold them, about.
+_RUNS_A_BATCH: Final = 5
 _SHARE: Final = 0.5
 _SAME_M: Final = 1e-3
 _SHORT: Final = {"track_radius_m": 8.0, "num_trees": 30, "lap_s": 8.0, "overlap_s": 2.0}
@@ -63,14 +65,15 @@ def _change_m(result: RunResult, sound: RunResult) -> float:
     return float(np.linalg.norm(apart, axis=1).max())
 
 
-def strikes(num_faults: int, seed: int) -> list[Struck]:
-    """Runs until so many faults are in; each seed begins with another kind of fault."""
-    rng = np.random.default_rng([seed, num_faults])
+def strikes(case: tuple[int, int]) -> list[Struck]:
+    """Runs on the course of a seed until a batch of faults is in; each batch has its own kinds."""
+    seed, batch = case
+    rng = np.random.default_rng([seed, batch])
     sources = {odometry: _course(seed, odometry=odometry) for odometry in (False, True)}
     sound = {odometry: run_source(source) for odometry, source in sources.items()}
     struck: list[Struck] = []
-    turn = seed * len(FAULTS) // 8
-    while sum(each.num_faults for each in struck) < num_faults:
+    turn = batch * _RUNS_A_BATCH
+    while sum(each.num_faults for each in struck) < _FAULTS_A_BATCH:
         fault = FAULTS[turn % len(FAULTS)]
         has_wheels = isinstance(fault, WheelFault) or bool(turn // len(FAULTS) % 2)
         struck.append(strike(sources[has_wheels], sound[has_wheels], fault, rng))
@@ -83,9 +86,10 @@ def _course(seed: int, *, odometry: bool) -> Source:
 
 
 def faults(seeds: Sequence[int]) -> list[Row]:
-    """Ten thousand, shared among the seeds."""
-    share = -(-NUM_FAULTS // len(seeds))
-    return rows([each for struck in each_seed(partial(strikes, share), seeds) for each in struck])
+    """Ten thousand, in batches that the seeds take in turn."""
+    batches = range(NUM_FAULTS // _FAULTS_A_BATCH)
+    cases = [(seeds[batch % len(seeds)], batch) for batch in batches]
+    return rows([each for struck in each_seed(strikes, cases) for each in struck])
 
 
 def rows(struck: Sequence[Struck]) -> list[Row]:

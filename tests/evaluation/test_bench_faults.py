@@ -109,6 +109,8 @@ def test_lost_and_changed_runs_are_named_and_missed() -> None:
 def test_runs_follow_until_so_many_faults_are_in(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_faults, "_SHORT", {k: v for k, v in TINY.items() if k != "seed"})
     monkeypatch.setattr(bench_faults, "FAULTS", FAULTS[:3])
-    struck = bench_faults.strikes(40, 1)
+    monkeypatch.setattr(bench_faults, "_FAULTS_A_BATCH", 40)
+    struck = bench_faults.strikes((1, 0))
     assert sum(each.num_faults for each in struck) >= 40
     assert len({each.name for each in struck}) > 1
+    assert bench_faults.strikes((1, 1))[0].name != struck[0].name
