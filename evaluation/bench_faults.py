@@ -117,4 +117,4 @@ def _named(struck: Sequence[Struck]) -> str:
     return f" ({', '.join(names)})" if names else ""
 
 
-SECTION: Final = Section("faults", (faults,), 2.0)
+SECTION: Final = Section("faults", (faults,), 1.6)

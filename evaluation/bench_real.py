@@ -30,11 +30,11 @@ _GRAPH_LANDMARKS: Final = (148, 154)
 def sections(data: Path) -> tuple[Section, ...]:
     """Each recording in a section of its own, left out where its folder is not in `data`."""
     return (
-        Section("real: car park", (partial(_car_park, data),), 0.2),
-        Section("real: Victoria Park", (partial(_victoria_park, data),), 3.0),
-        Section("real: Victoria Park's graph, identities stripped", (_graph,), 0.8),
-        Section("real: MRCLAM, identities stripped", (partial(_mrclam, data),), 1.5),
-        Section("real: Wild-Places", (partial(_wild, data),), 12.0),
+        Section("real: car park", (partial(_car_park, data),), 0.1),
+        Section("real: Victoria Park", (partial(_victoria_park, data),), 2.2),
+        Section("real: Victoria Park's graph, identities stripped", (_graph,), 0.3),
+        Section("real: MRCLAM, identities stripped", (partial(_mrclam, data),), 0.5),
+        Section("real: Wild-Places", (partial(_wild, data),), 5.0),
     )
 
 

@@ -93,4 +93,4 @@ def _beside_the_plain_loop(tell: Tell) -> list[Row]:
     ]
 
 
-SECTION: Final = Section("replay", (beside_the_plain_loop,), 0.5)
+SECTION: Final = Section("replay", (beside_the_plain_loop,), 0.3)

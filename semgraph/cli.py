@@ -131,13 +131,13 @@ def _add_bench(add_parser: _AddParser) -> None:
     bench = add_parser("bench", help="measure figures of detectors and graph, and their targets")
     benches = bench.add_subparsers(dest="bench", required=True, metavar="WHAT")
     detectors = benches.add_parser("detectors", help="on simulated measurements and whole runs")
-    _add_seeds(detectors, range(101, 125))
+    _add_seeds(detectors, range(101, 125), "up to an hour")
     detectors.add_argument(
         "--data", type=Path, metavar="DIR", help="real recordings, with the folder car_park"
     )
     _add_output(detectors)
     graph = benches.add_parser("graph", help="beside the optimum with true associations")
-    _add_seeds(graph, range(1, 51))
+    _add_seeds(graph, range(1, 51), "some hours")
     graph.add_argument(
         "--data",
         type=Path,
@@ -155,13 +155,13 @@ def _add_bench(add_parser: _AddParser) -> None:
     _add_output(graph)
 
 
-def _add_seeds(parser: argparse.ArgumentParser, default: range) -> None:
+def _add_seeds(parser: argparse.ArgumentParser, default: range, takes: str) -> None:
     parser.add_argument(
         "--seeds",
         type=_seeds,
         default=default,
         metavar="A-B",
-        help=f"of the simulated worlds (default: {default[0]}-{default[-1]}, up to an hour)",
+        help=f"of the simulated worlds (default: {default[0]}-{default[-1]}, {takes})",
     )
 
 
