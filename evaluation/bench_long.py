@@ -5,6 +5,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from mmap import PAGESIZE
 from pathlib import Path
 from typing import Final
 
@@ -29,7 +30,6 @@ from sensors.truth import Source
 
 _COURSE: Final = "course:lanes"
 _MEMORY: Final = Path("/proc/self/statm")
-_PAGE_BYTES: Final = 4096
 _CLOSED: Final = re.compile(r"(?:loop closed|track resumed) at scan (\d+)")
 _TELL_EVERY: Final = 200
 # The first scans import what they need and fill what is kept anyway.
@@ -111,7 +111,7 @@ def _timed(tracker: FastEstimator, smoother: Smoother, moment: Moment) -> tuple[
 
 def _resident_bytes() -> int:
     try:
-        return int(_MEMORY.read_text().split()[1]) * _PAGE_BYTES
+        return int(_MEMORY.read_text().split()[1]) * PAGESIZE
     except (OSError, ValueError, IndexError):
         raise InputError(f"expected {_MEMORY} to tell this process's memory (Linux)") from None
 
