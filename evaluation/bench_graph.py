@@ -24,7 +24,7 @@ from sensors.truth import Source
 
 Options = Mapping[str, object]
 
-STEM_MAP: Final = Path("stem_maps", "longleaf.csv")
+STEM_MAPS: Final = Path("stem_maps")
 _ROUND: Final = "course:perceptions"
 _EIGHT: Final = "course:eight"
 _WIDE: Final = {"track_radius_m": 60.0, "num_trees": 200, "max_range_m": 15.0, "lap_s": 135.0}
@@ -180,16 +180,24 @@ def _clutter(trees_a_scan: float) -> Options:
 
 
 def courses(data: Path) -> tuple[Section, ...]:
-    """Simulated courses; the stem map of one is a file of real data."""
-    eight: Options = {"stem_map": data / STEM_MAP}
+    """Simulated courses; the stem maps of some are files of real data.
+
+    `longleaf` is an open stand, with clearings from which no tree is in sight for seconds; `waka` a
+    dense one, whose eight of 1 km is driven two and a half times.
+    """
+    longleaf, waka = (
+        {"stem_map": data / STEM_MAPS / name} for name in ("longleaf.csv", "waka.csv")
+    )
     all_at_once: Options = {**_BLIND, **_MOVING}
     return (
         _beside("paper, no odometry", 1.0, _ROUND),
         _beside("paper, odometry", 1.0, _ROUND, _ODOMETRY),
         _beside("wide, no odometry", 1.6, _ROUND, _WIDE),
         _beside("wide, odometry", 1.6, _ROUND, _WIDE, _ODOMETRY),
-        _beside("eight, no odometry", 4.5, _EIGHT, eight),
-        _beside("eight, odometry", 4.5, _EIGHT, eight, _ODOMETRY),
+        _beside("eight longleaf, no odometry", 4.5, _EIGHT, longleaf),
+        _beside("eight longleaf, odometry", 4.5, _EIGHT, longleaf, _ODOMETRY),
+        _beside("eight waka, no odometry", 12.0, _EIGHT, waka),
+        _beside("eight waka, odometry", 12.0, _EIGHT, waka, _ODOMETRY),
         _beside("rows, no odometry", 2.0, _ROUND, {"rows": True}),
         _beside("rows, odometry", 2.0, _ROUND, {"rows": True}, _ODOMETRY),
         _disturbed("paper, clutter and misses", 1.6, _ROUND, _clutter(16.0)),
@@ -197,7 +205,7 @@ def courses(data: Path) -> tuple[Section, ...]:
         _disturbed("paper, moving things", 1.2, _ROUND, _MOVING),
         _disturbed("paper, all at once", 2.6, _ROUND, _clutter(16.0), all_at_once),
         _disturbed("wide, all at once", 3.5, _ROUND, _WIDE, _clutter(10.0), all_at_once),
-        _disturbed("eight, all at once", 8.0, _EIGHT, eight, _clutter(9.0), all_at_once),
+        _disturbed("eight waka, all at once", 15.0, _EIGHT, waka, _clutter(27.0), all_at_once),
         _disturbed("rows, all at once", 4.5, _ROUND, {"rows": True}, _clutter(19.0), all_at_once),
     )
 
