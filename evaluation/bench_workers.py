@@ -4,8 +4,8 @@ Each begins anew, so that what one run leaves in memory is not measured in the n
 """
 
 import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Final, TypeVar
@@ -15,7 +15,8 @@ from semgraph.errors import SemgraphError
 
 Case = TypeVar("Case")
 Value = TypeVar("Value")
-# A new process costs seconds, and one that is kept grows.
+# A new process costs seconds, and one that is kept grows. The pool's own `max_tasks_per_child` waits
+# for ever on many Pythons (cpython's issue 115634), so that pools follow each other.
 _TRIALS_A_PROCESS: Final = 8
 
 Tell = Callable[[float], None]
@@ -23,19 +24,31 @@ Tell = Callable[[float], None]
 
 def each_seed(trial: Callable[[Case], Value], seeds: Sequence[Case]) -> list[Value]:
     """The outcome of each seed or other case, in processes beside each other."""
-    context = get_context("spawn")
-    with ProcessPoolExecutor(
-        os.cpu_count(), context, max_tasks_per_child=_TRIALS_A_PROCESS
-    ) as pool:
-        futures = [pool.submit(trial, seed) for seed in seeds]
-        try:
-            for k, future in enumerate(as_completed(futures), start=1):
+    workers = os.cpu_count() or 1
+    size = workers * _TRIALS_A_PROCESS
+    outcomes: list[Value] = []
+    for start in range(0, len(seeds), size):
+        with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+            futures = [pool.submit(trial, seed) for seed in seeds[start : start + size]]
+            for k, future in enumerate(_finished(pool, futures), start=start + 1):
                 future.result()
                 tell(k / len(seeds))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-        return [future.result() for future in futures]
+        outcomes += [future.result() for future in futures]
+    return outcomes
+
+
+def _finished(
+    pool: ProcessPoolExecutor, futures: Sequence[Future[Value]]
+) -> Iterator[Future[Value]]:
+    """The futures as they finish; what waits is given up where one of them fails."""
+    try:
+        for future in as_completed(futures):
+            if future.exception() is not None:
+                pool.shutdown(wait=False, cancel_futures=True)
+            yield future
+    except KeyboardInterrupt:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
 
 
 def alone(trial: Callable[[Tell], Value]) -> Value:

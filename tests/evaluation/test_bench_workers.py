@@ -6,6 +6,7 @@ from functools import partial
 
 import pytest
 
+from evaluation import bench_workers
 from evaluation.bench import Section, measure
 from evaluation.bench_table import Row
 from evaluation.bench_workers import alone, each_seed
@@ -46,6 +47,13 @@ def test_outcomes_come_in_the_order_of_the_seeds_and_each_is_told() -> None:
     measure([Section("one", (figures,), 1.0)], range(4), told)
     assert outcomes == [0, 1, 4, 9]
     assert told == [25, 50, 75, 100]
+
+
+def test_more_trials_than_a_process_takes_all_come_home(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench_workers, "_TRIALS_A_PROCESS", 1)
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    seeds = range(20, 25)
+    assert each_seed(trial, seeds) == [seed**2 for seed in seeds]
 
 
 def test_what_is_missing_in_a_worker_is_said() -> None:
