@@ -15,8 +15,8 @@ from semgraph.errors import SemgraphError
 
 Case = TypeVar("Case")
 Value = TypeVar("Value")
-# A new process costs seconds, and one that is kept grows. The pool's own `max_tasks_per_child` waits
-# for ever on many Pythons (cpython's issue 115634), so that pools follow each other.
+# A new process costs seconds, and one that is kept grows. Pools follow each other, since their own
+# `max_tasks_per_child` waits for ever on many Pythons (cpython's issue 115634).
 _TRIALS_A_PROCESS: Final = 8
 
 Tell = Callable[[float], None]
