@@ -7,12 +7,14 @@ from typing import Final
 
 from evaluation.bench import Section
 from evaluation.bench_replay import SOURCE as GRAPH
+from evaluation.bench_replay import replay
 from evaluation.bench_runs import run_source
 from evaluation.bench_table import Better, Row
 from evaluation.bench_workers import each_seed
 from evaluation.metrics import judge
 from evaluation.plain_loop import KnownGraph, every_pose, every_scan, plain_loop
 from evaluation.trajectory import trajectory_difference
+from semgraph.settings import Settings
 from sensors.catalog import open_source
 
 CAR_PARK: Final = "car_park"
@@ -82,8 +84,9 @@ def _graph(seeds: Sequence[int]) -> list[Row]:  # noqa: ARG001
 def _beside_the_known(name: str) -> tuple[float, int]:
     """How far a run without identities lies from the optimum with them, and its landmarks."""
     known = open_source(name, {"identities": True}).recording
-    start = known.map_T_start
-    optimum = KnownGraph(every_scan(known), start).optimum(plain_loop(every_pose(known), start))
+    plain = plain_loop(every_pose(known), known.map_T_start)
+    graph = KnownGraph(every_scan(known), known.map_T_start)
+    optimum = graph.optimum(plain, replay(known, Settings()).solution)
     result = run_source(open_source(name, {}))
     return trajectory_difference(result.smoothed, optimum.trajectory), len(result.landmarks)
 

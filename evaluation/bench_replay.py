@@ -82,7 +82,7 @@ def _beside_the_plain_loop(tell: Tell) -> list[Row]:
     tell(0.4)
     replayed = replay(recording, Settings())
     tell(0.9)
-    optimum = graph.optimum(plain)
+    optimum = graph.optimum(plain, replayed.solution)
     cost = graph.cost(replayed.solution) / graph.cost(optimum)
     slowest_s = replayed.update_seconds
     return [

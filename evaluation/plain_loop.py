@@ -126,8 +126,15 @@ class KnownGraph:
         """
         return float(self._factors.error(self._values(solution)))
 
-    def optimum(self, start: Solution) -> Solution:
-        """The batch optimum that Levenberg-Marquardt finds from a start."""
+    def optimum(self, *starts: Solution) -> Solution:
+        """The best batch optimum that Levenberg-Marquardt finds from any of the starts.
+
+        Robust kernels leave several.
+        """
+        found = [self._optimum(start) for start in starts]
+        return min(found, key=self.cost)
+
+    def _optimum(self, start: Solution) -> Solution:
         optimizer = gtsam.LevenbergMarquardtOptimizer(self._factors, self._values(start))
         return _solution(optimizer.optimize(), self._steps, self._numbers)
 

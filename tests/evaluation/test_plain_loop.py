@@ -49,6 +49,14 @@ def test_a_moved_pose_costs_and_lacking_landmarks_are_placed_at_their_best() -> 
     assert graph.cost(Solution(best.trajectory, some)) == pytest.approx(graph.cost(best), rel=1e-6)
 
 
+def test_of_several_starts_the_best_optimum_is_taken() -> None:
+    _, graph, plain, best = course()
+    poses = best.trajectory.map_T_bases.copy()
+    poses[60:, 2] += 2.0
+    bad = Solution(Trajectory(best.trajectory.stamps_ns, poses), best.map_t_landmarks)
+    assert graph.cost(graph.optimum(bad, plain)) <= graph.cost(graph.optimum(plain))
+
+
 def test_poses_between_scans_are_composed_to_the_same_motion() -> None:
     source = known_course()
     scans, wheels = perceptions_of(source.recording)[::3], odometry_of(source.recording)
