@@ -11,10 +11,13 @@ from semgraph.errors import SemgraphError
 
 _AddParser = Callable[..., argparse.ArgumentParser]
 _MAX_SEEDS = 10_000
+_DATA = Path("..", "shared", "data")
 _SOURCES = """\
 sources:
   course:paper            the paper's round course from laser scans (--set seed=1, odometry=true)
   course:forest           a dense stand on uneven ground (person=true, felled=true, stem_map=FILE)
+  course:eight            a figure of eight through a real stand (stem_map=FILE)
+  course:lanes            a wood driven lane by lane (--set length_m=2000)
   course:rocks            rocks on rough ground, by a depth camera (--set rock_share=0.05)
   course:car-park         reflecting posts, by a laser; course:markers: AprilTags, by a camera
   course:perceptions      the paper's with perceptions ready made (--set clutter=1)
@@ -78,7 +81,7 @@ def _call_bench(parsed: argparse.Namespace) -> None:
 
     match parsed.bench:
         case "graph":
-            commands.bench_graph(parsed.seeds, parsed.output)
+            commands.bench_graph(parsed.seeds, parsed.output, parsed.data, parsed.only)
         case "online":
             commands.bench_online(parsed.seeds, parsed.output)
         case "detectors":
@@ -168,26 +171,40 @@ def _add_bench(add_parser: _AddParser) -> None:
     bench = add_parser("bench", help="measure figures of detectors and graph, and their targets")
     benches = bench.add_subparsers(dest="bench", required=True, metavar="WHAT")
     detectors = benches.add_parser("detectors", help="on simulated measurements and whole runs")
-    _add_seeds(detectors, range(101, 125))
+    _add_seeds(detectors, range(101, 125), "up to an hour")
     detectors.add_argument(
         "--data", type=Path, metavar="DIR", help="real recordings, with the folder car_park"
     )
     _add_output(detectors)
     graph = benches.add_parser("graph", help="beside the optimum with true associations")
-    _add_seeds(graph, range(1, 51))
+    _add_seeds(graph, range(1, 51), "some hours")
+    graph.add_argument(
+        "--data",
+        type=Path,
+        default=_DATA,
+        metavar="DIR",
+        help=f"the real recordings and stem maps (default: {_DATA})",
+    )
+    graph.add_argument(
+        "--only",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="sections that begin with this, may be repeated; `long` is measured only if asked for",
+    )
     _add_output(graph)
     online = benches.add_parser("online", help="of the graph in a process of its own, in real time")
-    _add_seeds(online, range(1, 4))
+    _add_seeds(online, range(1, 4), "some minutes")
     _add_output(online)
 
 
-def _add_seeds(parser: argparse.ArgumentParser, default: range) -> None:
+def _add_seeds(parser: argparse.ArgumentParser, default: range, takes: str) -> None:
     parser.add_argument(
         "--seeds",
         type=_seeds,
         default=default,
         metavar="A-B",
-        help=f"of the simulated worlds (default: {default[0]}-{default[-1]}, up to an hour)",
+        help=f"of the simulated worlds (default: {default[0]}-{default[-1]}, {takes})",
     )
 
 

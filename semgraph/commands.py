@@ -181,11 +181,16 @@ def bench_detectors(seeds: Sequence[int], output: Path | None, data: Path | None
     _bench("detectors", (*SECTIONS, car_park(data)), seeds, output)
 
 
-def bench_graph(seeds: Sequence[int], output: Path | None) -> None:
-    """Measures the graph's figures beside the oracle's, prints and writes them."""
-    from evaluation.bench_graph import SECTIONS
+def bench_graph(seeds: Sequence[int], output: Path | None, data: Path, only: Sequence[str]) -> None:
+    """Measures the graph's figures beside the oracle's, prints and writes them.
 
-    _bench("graph", SECTIONS, seeds, output)
+    Raises:
+        InputError: no section begins with a name of `only`.
+    """
+    from evaluation.bench import chosen
+    from evaluation.bench_graph import sections
+
+    _bench("graph", chosen(sections(data), only), seeds, output)
 
 
 def bench_online(seeds: Sequence[int], output: Path | None) -> None:

@@ -110,6 +110,7 @@ def test_help_is_quick() -> None:
         (["detect", "course:perceptions", "--output", "new"], "come ready"),
         (["detect", "course:paper", "--set", "detectors.trees-2d.no=1"], "no"),
         (["detect", "course:paper", "--output", "taken"], "taken"),
+        (["bench", "graph", "--only", "papr"], "paper"),
         (["evaluate", "nowhere"], "nowhere"),
         (["view", "nowhere"], "nowhere"),
     ],
