@@ -66,8 +66,18 @@ def check_sighting(sighting: Sighting) -> None:
             f"sighting of landmark {sighting.landmark}: expected a positive range and a finite "
             f"bearing, got {sighting.range_m} m and {sighting.bearing} rad"
         )
+    if _is_surely_definite(sighting.covariance):
+        return
     covariance = frozen_covariance("sighting covariance", sighting.covariance, 2)
     check_definite(f"sighting of landmark {sighting.landmark}", covariance)
+
+
+def _is_surely_definite(covariance: FloatArray) -> bool:
+    """Whether a (2, 2) is well-behaved; there are millions, and numpy takes its time for each."""
+    if covariance.shape != (2, 2):
+        return False
+    (a, b), (c, d) = covariance.tolist()
+    return 0.0 < a < np.inf and 0.0 < d < np.inf and b == c and a * d - b * b > 1e-9 * a * d
 
 
 def check_definite(name: str, covariance: FloatArray) -> None:

@@ -106,7 +106,7 @@ class GraphLandmark:
     def _average(self, diameter_m: float, weight: float, count: int) -> None:
         self.num_diameters += count
         self.diameter_weight += weight
-        before = np.nan_to_num(self.diameter_m)
+        before = self.diameter_m if self.num_diameters > count else diameter_m
         self.diameter_m = before + weight / self.diameter_weight * (diameter_m - before)
 
 
