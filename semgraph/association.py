@@ -148,7 +148,9 @@ def _gains(space: _Differences, density: float) -> FloatArray:
     """(a, b) what each pair would add to the log odds; outside its gate it adds nothing."""
     covariances = space.covariances()
     distances2 = mahalanobis2(space.mean, covariances)
-    log_likelihoods = -0.5 * distances2 - 0.5 * np.log(
-        (2.0 * np.pi) ** 2 * np.linalg.det(covariances)
-    )
-    return np.where(distances2 <= CHI2_2DOF_999, log_likelihoods - np.log(density), -np.inf)
+    determinants = np.linalg.det(covariances)
+    # Rounding makes of what is nearly singular something without a likelihood.
+    is_possible = (distances2 <= CHI2_2DOF_999) & (distances2 >= 0.0) & (determinants > 0.0)
+    scales = (2.0 * np.pi) ** 2 * np.where(is_possible, determinants, 1.0)
+    log_likelihoods = -0.5 * distances2 - 0.5 * np.log(scales)
+    return np.where(is_possible, log_likelihoods - np.log(density), -np.inf)

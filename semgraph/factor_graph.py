@@ -27,7 +27,7 @@ from semgraph.factors import (
     sighting_factor,
     to_gtsam,
 )
-from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.geometry import Pose2, UncertainPose2, rotation
 from semgraph.information import Information
 from semgraph.measurement_model import innovations, mahalanobis2, predict
 from semgraph.point_grid import PointGrid
@@ -37,6 +37,7 @@ _DENSE: Final = 200
 _AT_ONCE: Final = 40
 # Cells of the places of landmarks; about as far as things are seen.
 _CELL_M: Final = 10.0
+_LEAST_SIGMA_M: Final = 1e-3
 # By so much the last pose may jump before all that was read of the graph is stale.
 _JUMP_M: Final = 0.5
 # How often a graph that was rebuilt from values of some time ago is linearized again.
@@ -210,6 +211,31 @@ class FactorGraph:
         self._rebuild()
         self._empty_queue()
 
+    def weakest_link(self, since_pose: int) -> int:
+        """The pose after the least certain motion since a pose."""
+        links = self._odometry[since_pose:]
+        return max(links, key=lambda each: float(np.trace(each.motion.covariance[:2, :2]))).end
+
+    def carry(self, correction: Pose2, since_pose: int) -> None:
+        """Moves a pose, all after it, and what only those sighted; no factor changes.
+
+        Args:
+            correction: takes what was believed in map to where it is.
+            since_pose: the first pose that moves.
+        """
+        self._read_all()
+        values = gtsam.Values()
+        for index in range(self.num_poses):
+            pose = self._guess(index)
+            values.insert(X(index), to_gtsam(correction @ pose if index >= since_pose else pose))
+        for landmark, place in self._landmark_guesses.items():
+            moves = all(each.pose >= since_pose for each in self._sightings[landmark])
+            moved = correction.transform(place[None])[0] if moves else place
+            values.insert(j=L(landmark), point2=moved)
+        self._estimate, self._is_current = values, True
+        self._rebuild()
+        self._empty_queue()
+
     def split(self, landmark: int, tracks: Set[int], new: int) -> None:
         """Takes a merge back with the next update: sightings of these tracks are of `new` again.
 
@@ -275,6 +301,11 @@ class FactorGraph:
             if np.hypot(after.x - before.x, after.y - before.y) > _JUMP_M:
                 self._read_all()
         self._empty_queue()
+
+    def settle(self) -> None:
+        """Linearizes again until little moves: what one update after a great change leaves open."""
+        for _ in range(_SETTLING):
+            self.update(relinearize=True)
 
     def _let_go(self) -> None:
         """Sightings that held firmly while the graph moved get their kernel."""
@@ -354,6 +385,22 @@ class FactorGraph:
     def landmark_covariances(self, landmarks: Sequence[int]) -> FloatArray:
         """(n, 2, 2) marginal covariance of each landmark, in map."""
         return self._marginals([L(landmark) for landmark in landmarks], 2)
+
+    def covariances_given_last_pose(self, landmarks: Sequence[int]) -> FloatArray:
+        """(n, 2, 2) of each landmark in the last pose's frame, as if that pose were known."""
+        last = self.num_poses - 1
+        joint = self._joint([X(last), *(L(landmark) for landmark in landmarks)])
+        gain = np.linalg.solve(joint[:3, :3], joint[:3, 3:])
+        given = (joint[3:, 3:] - gain.T @ joint[:3, 3:]).reshape(
+            len(landmarks), 2, len(landmarks), 2
+        )
+        each = np.arange(len(landmarks))
+        base_R_map = rotation(-self.pose(last).theta)
+        in_base = base_R_map @ given[each, :, each, :] @ base_R_map.T
+        # Where the pose is unsure by kilometres, little is left of the difference but rounding.
+        values, axes = np.linalg.eigh(0.5 * (in_base + in_base.transpose(0, 2, 1)))
+        floored: FloatArray = np.maximum(values, _LEAST_SIGMA_M**2)
+        return (axes * floored[:, None, :]) @ axes.transpose(0, 2, 1)
 
     def pose_covariance(self, index: int) -> FloatArray:
         """(3, 3) marginal covariance of a pose, (x, y, theta) in its own frame."""

@@ -77,7 +77,8 @@ def _is_surely_definite(covariance: FloatArray) -> bool:
     if covariance.shape != (2, 2):
         return False
     (a, b), (c, d) = covariance.tolist()
-    return 0.0 < a < np.inf and 0.0 < d < np.inf and b == c and a * d - b * b > 1e-9 * a * d
+    is_sound = 0.0 < a < np.inf and 0.0 < d < np.inf and b == c
+    return bool(is_sound and a * d - b * b > 1e-9 * a * d)
 
 
 def check_definite(name: str, covariance: FloatArray) -> None:

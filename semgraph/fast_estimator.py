@@ -96,6 +96,7 @@ class FastEstimator:
         """
         motion = self._propose(perceptions.stamp_ns, odometry)
         map_T_proposed = self._map_T_last @ motion
+        self._forget_if_lost(motion)
         near, matches = self._find_correspondences(perceptions, map_T_proposed)
         estimate = self._estimate(perceptions, near, matches, map_T_proposed.covariance)
         map_T_base = UncertainPose2(
@@ -242,6 +243,12 @@ class FastEstimator:
             neighbours = self._map.kinds(self._map.near(positions[k], radius_m, self._since_m))
             is_new[k] = not (neighbours == perceptions.kinds[k]).any()
         return is_new
+
+    def _forget_if_lost(self, motion: UncertainPose2) -> None:
+        """With a short memory nothing is matched that may be anywhere: that would be by chance."""
+        sigma_m = float(np.linalg.eigvalsh(motion.covariance[:2, :2])[-1]) ** 0.5
+        if np.isfinite(self._settings.memory_m) and sigma_m > 2.0 * self._settings.search_radius_m:
+            self._driven_m += self._settings.memory_m
 
     @property
     def _since_m(self) -> float:

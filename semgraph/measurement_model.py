@@ -13,6 +13,7 @@ from semgraph.geometry import Pose2, wrap_angle
 # Chi-square quantiles of 2 degrees of freedom, the gates of one sighting.
 CHI2_2DOF_99: Final = 9.2103
 CHI2_2DOF_999: Final = 13.8155
+CHI2_3DOF_999: Final = 16.2662
 # Diameters of one object may differ by three sigma; 5 % is what its outline itself varies.
 _DIAMETER_GATE: Final = 9.0
 _LOG_DIAMETER_SIGMA: Final = 0.05

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from semgraph.graph_beside import GraphBeside, GraphInProcess
 from semgraph.landmarks import Perceptions, concatenate
 from semgraph.motion_model import OdometryAccumulator
 from semgraph.navigation_map import NavigationMap
+from semgraph.ordering import InOrder
 from semgraph.pacing import Pace
 from semgraph.perceiving import Perceiver
 from semgraph.progress import Report
@@ -75,8 +76,8 @@ def run(
     fast = _Fast(FastEstimator(settings.fast, recording.map_T_start))
     tracker = FastEstimator(settings.tracker, recording.map_T_start)
     graph = graph or GraphInProcess(settings.smoother, recording.map_T_start)
-    imu = YawRateLog()
-    for moment in moments(recording, perceiver, imu, pace):
+    imu, ordered = YawRateLog(), InOrder(recording.measurements)
+    for moment in moments(replace(recording, measurements=ordered), perceiver, imu, pace):
         seen, odom_T_base = moment.perceptions, moment.odom_T_base
         step = fast.step(moment)
         perceiver.moved(*fast.last_motion)
@@ -99,6 +100,7 @@ def run(
         events=(
             *smoothed.events,
             *perceiver.events,
+            *ordered.events,
             *(trace.events if trace else ()),
             *(pace.events if pace else ()),
         ),

@@ -19,7 +19,7 @@ from semgraph.contradiction import log_odds_of_one
 from semgraph.decisions import Decision, What
 from semgraph.estimates import Trajectory
 from semgraph.existence import Tally
-from semgraph.factor_graph import FactorGraph
+from semgraph.factor_graph import Checkpoint, FactorGraph
 from semgraph.factors import Sighting
 from semgraph.fast_estimator import FastStep
 from semgraph.geometry import Pose2, UncertainPose2
@@ -28,6 +28,7 @@ from semgraph.landmark_registry import LandmarkRegistry, Merge
 from semgraph.landmarks import Gone, Kind, Landmark, Perceptions
 from semgraph.loop_closure import Closure, GraphLandmark, density, duplicates, find_closures
 from semgraph.measurement_model import CHI2_2DOF_999
+from semgraph.recognition import Recognition, is_lost, recognise
 from semgraph.tracks import Track
 from sensors.views import View
 
@@ -320,8 +321,7 @@ class Smoother:
         in_sight = self._in_sight()
         recent = sorted({track.landmark for track in in_sight})
         if any(track.is_due for track in in_sight):
-            odds = float(np.log(self._settings.closure_odds))
-            self._close(find_closures(self._graph, self._registry.landmarks, recent, odds))
+            self._look_for_closures(recent)
             for track in in_sight:
                 track.tested = track.known.num_sightings
         if self._take_back(self._registry.due(recent, self._scan)):
@@ -329,7 +329,27 @@ class Smoother:
         last = self._graph.pose(self._graph.num_poses - 1)
         self._guess = last @ self._keyframes.since_last.pose
 
-    def _close(self, closures: Sequence[Closure]) -> None:
+    def _look_for_closures(self, recent: Sequence[int]) -> None:
+        """Pairs by the gates; where these hold all and nothing, the place by its constellation."""
+        graph, landmarks = self._graph, self._registry.landmarks
+        odds = float(np.log(self._settings.closure_odds))
+        if not is_lost(graph):
+            self._close(find_closures(graph, landmarks, recent, odds))
+        elif found := recognise(graph, landmarks, recent, odds):
+            self._find_itself(found)
+
+    def _find_itself(self, found: Recognition) -> None:
+        """Brings all since the weakest link to where it was recognised, and closes the loop.
+
+        From where it was believed no solver would find there.
+        """
+        graph = self._graph
+        before = graph.checkpoint()
+        last = max(each.pose for pair in found.closures for each in graph.sightings(pair.old))
+        graph.carry(found.correction, graph.weakest_link(last))
+        self._close(found.closures, before)
+
+    def _close(self, closures: Sequence[Closure], before: Checkpoint | None = None) -> None:
         """Makes each pair one; all are two again where the graph does not agree.
 
         A closure that is far off moves much of the graph. What it moves that far must not cost
@@ -337,12 +357,14 @@ class Smoother:
         """
         graph = self._graph
         is_far = any(graph.are_far_apart(each.recent, each.old) for each in closures)
-        before = graph.checkpoint() if is_far else None
+        if is_far and before is None:
+            before = graph.checkpoint()
         merged = self._merge(closures)
         if not merged:
             return
         graph.update(relinearize=True)
         if before is not None:
+            graph.settle()
             merges = [(each.old, self._registry.merges(each.old)[-1]) for each in merged]
             sightings = sum(
                 each.track in merge.tracks
@@ -372,7 +394,7 @@ class Smoother:
 
     def _merge(self, closures: Iterable[Closure], what: What | None = None) -> list[Closure]:
         """Makes each pair one landmark; everything else follows in the next solution."""
-        merged = [closure for closure in closures if self._registry.may_merge(closure)]
+        merged = [closure for closure in closures if what or self._registry.may_merge(closure)]
         for closure in merged:
             recent, old = (self._registry.landmarks[each] for each in (closure.recent, closure.old))
             unseen = recent.scans.first - old.scans.last

@@ -14,7 +14,7 @@ from semgraph.results import RunResult
 from sensors.catalog import open_source
 from sensors.measurements import WheelOdometry
 from sensors.truth import Source
-from tests.sensors.sources import perceptions_of, same
+from tests.sensors.sources import same
 
 TINY: dict[str, object] = {
     "seed": 1,
@@ -88,12 +88,14 @@ def test_a_fault_that_lies_does_not_end_a_run(tiny: tuple[Source, RunResult], na
 
 def test_what_ends_a_run_is_told(tiny: tuple[Source, RunResult]) -> None:
     source, sound = tiny
+    nothing = ScanFault("no scan is left", lambda scan, _: [scan][:0])
 
-    def unknown_kind(scan: Perceptions, _: np.random.Generator) -> list[Perceptions]:
-        return [replace(scan, stamp_ns=perceptions_of(source.recording)[0].stamp_ns)]
+    def only_faults(scan: Perceptions, _: np.random.Generator) -> list[Perceptions]:
+        return nothing.make(scan, rng())
 
-    struck = strike(source, sound, ScanFault("same stamp again", unknown_kind), rng())
-    assert "strictly increasing" in struck.lost
+    bare = replace(source, recording=replace(source.recording, measurements=()))
+    struck = strike(bare, sound, ScanFault("no scan is left", only_faults), rng())
+    assert "expected scans or perceptions" in struck.lost
 
 
 def test_lost_and_changed_runs_are_named_and_missed() -> None:
