@@ -17,6 +17,7 @@ from semgraph.navigation_map import NavigationMap
 from semgraph.perceiving import Perceiver
 from semgraph.progress import Report
 from semgraph.results import RunResult
+from semgraph.run_log import LogRecorder
 from semgraph.settings import Settings
 from semgraph.smoother import Smoother
 from semgraph.trace import Trace
@@ -70,21 +71,25 @@ def run(
     fast = _Fast(FastEstimator(settings.fast, recording.map_T_start))
     tracker = FastEstimator(settings.tracker, recording.map_T_start)
     smoother = Smoother(settings.smoother, recording.map_T_start)
+    recorder = LogRecorder(settings.smoother.start(recording.map_T_start))
     imu = YawRateLog()
     for moment in moments(recording, perceiver, imu):
         seen, odom_T_base = moment.perceptions, moment.odom_T_base
         step = fast.step(moment)
         perceiver.moved(*fast.last_motion)
-        smoother.add(tracker.step(seen, moment.odometry), seen, moment.views)
+        tracked = tracker.step(seen, moment.odometry)
+        smoother.add(tracked, seen, moment.views)
+        recorder.add(tracked, seen, moment.views)
         if trace is not None:
             trace.add(moment.measurements, seen, odom_T_base, step, fast.navigation_map)
         report.done(len(fast))
     if not len(fast):
         raise InputError(f"{recording.name}: expected scans or perceptions, there are none")
     smoother.finish(report.note)
+    smoothed, associations = smoother.trajectory(), smoother.associations()
     return RunResult(
         name=recording.name,
-        smoothed=smoother.trajectory(),
+        smoothed=smoothed,
         smoothed_covariances=smoother.covariances(),
         fast=fast.trajectory(),
         landmarks=smoother.landmarks(),
@@ -96,7 +101,8 @@ def run(
         fast_landmarks=tuple(fast.navigation_map),
         gone=smoother.gone(),
         imu=imu.yaw_rates(),
-        associations=smoother.associations(),
+        associations=associations,
+        log=recorder.log(smoothed, associations),
     )
 
 

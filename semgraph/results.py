@@ -19,6 +19,7 @@ from semgraph.estimates import Trajectory
 from semgraph.json_files import STRICT, read_json
 from semgraph.landmarks import Gone, Landmark
 from semgraph.map_files import read_map_json, write_map_csv, write_map_json
+from semgraph.run_log import LOG_NPZ, RunLog, write_log
 from semgraph.staging import staged_folder
 from semgraph.tables import read_text, write_text
 from semgraph.trajectory_files import read_covariances, read_tum, write_covariances, write_tum
@@ -60,6 +61,7 @@ class RunResult:
         imu: the yaw rates that an inertial sensor measured; none where there was none.
         associations: by the stamp of perceptions, the landmark of each (n,), -1 for none; of a
             run just made, no file keeps them.
+        log: what was measured; of a run just made, `run_log.read_log` reads it again.
 
     Raises:
         InputError: shapes disagree, or a value is out of its domain.
@@ -79,6 +81,7 @@ class RunResult:
     gone: tuple[Gone, ...] = ()
     imu: YawRates = field(default_factory=YawRates)
     associations: Mapping[int, IntArray] = field(default_factory=dict)
+    log: RunLog | None = None
 
     def __post_init__(self) -> None:
         covariances = _frozen_covariances(self.smoothed_covariances, len(self.smoothed))
@@ -136,6 +139,8 @@ def write_files(result: RunResult, folder: Path) -> None:
     write_map_json(folder / MAP_FAST_JSON, result.fast_landmarks)
     write_settings(folder, result.settings)
     write_text(folder / EVENTS_LOG, "".join(f"{event}\n" for event in result.events))
+    if result.log is not None:
+        write_log(folder / LOG_NPZ, result.log)
     if len(result.imu):
         write_yaw_rates(folder / IMU_CSV, result.imu)
     run = _Run(

@@ -41,6 +41,11 @@ class SmootherSettings(BaseModel):
     duplicate_odds: float = Field(10.0, gt=1.0)
     in_sight_scans: int = Field(10, ge=0)
 
+    def start(self, map_T_start: Pose2) -> UncertainPose2:
+        """Where the run starts, as surely as the settings say."""
+        sigmas = np.array([self.start_sigma_m, self.start_sigma_m, self.start_sigma_rad])
+        return UncertainPose2(map_T_start, np.diag(sigmas**2))
+
 
 # Fewer scans without a sighting are an interruption, not a loop.
 _LOOP_SCANS: Final = 100
@@ -52,9 +57,8 @@ class Smoother:
     """Builds the graph scan by scan."""
 
     def __init__(self, settings: SmootherSettings, map_T_start: Pose2) -> None:
-        sigmas = [settings.start_sigma_m, settings.start_sigma_m, settings.start_sigma_rad]
         self._settings = settings
-        self._graph = FactorGraph(UncertainPose2(map_T_start, np.diag(sigmas) ** 2))
+        self._graph = FactorGraph(settings.start(map_T_start))
         self._landmarks: dict[int, GraphLandmark] = {}
         self._tracks: dict[int, Track] = {}
         self._moving: list[Track] = []
@@ -127,8 +131,14 @@ class Smoother:
         return self._graph.pose_covariances(range(1, len(self._stamps_ns) + 1))
 
     def associations(self) -> dict[int, IntArray]:
-        """By stamp, the landmark that each perception was taken for in the end, -1 for none."""
-        landmark_of = {number: track.landmark for number, track in self._tracks.items()}
+        """By stamp, the landmark that each perception was taken for in the end, -1 for none.
+
+        What was taken out since it moves is none.
+        """
+        landmark_of = {
+            number: track.landmark if track.landmark in self._landmarks else -1
+            for number, track in self._tracks.items()
+        }
         landmark_of[-1] = -1
         return {
             stamp_ns: np.array([landmark_of[k] for k in ids.tolist()], dtype=np.int64)
