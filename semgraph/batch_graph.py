@@ -36,7 +36,7 @@ _MU_FACTOR: Final = 2.0
 _LAST_MU: Final = 10.0
 # A factor without any weight could leave a landmark without information.
 _LEAST_WEIGHT: Final = 1e-4
-_CONVERGED: Final = 1e-6
+_CONVERGED: Final = 1e-5
 _MAX_STEPS: Final = 50
 _AT_ONCE: Final = 40
 
@@ -89,6 +89,17 @@ class BatchGraph:
         """Half the sum of weighed squared residuals, where it is now."""
         return float(self._graph.error(self._values))
 
+    def estimate(self) -> Belief:
+        """Where everything is now, but for the scans that are no poses of the graph."""
+        poses = np.array(self._belief.map_T_bases)
+        ends = [link.end for link in self._links]
+        poses[ends] = gtsam.utilities.extractPose2(self._values)
+        places = {
+            landmark: np.asarray(self._values.atPoint2(L(landmark)))
+            for landmark in self._belief.map_t_landmarks
+        }
+        return replace(self._belief, map_T_bases=poses, map_t_landmarks=places)
+
     def optimum(self) -> Belief:
         """Where everything most probably is; the belief's associations are as they were."""
         self._settle()
@@ -100,7 +111,8 @@ class BatchGraph:
         if mu > _FIRST_MU:
             self._weigh((self._residuals2() <= CHI2_2DOF_999).astype(np.float64))
             self._settle()
-        return self._believed()
+        now = self.estimate()
+        return replace(now, map_T_bases=fill(self._batch, self._links, now.map_T_bases))
 
     def landmark_covariance(self, landmarks: Sequence[int]) -> FloatArray:
         """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
@@ -169,26 +181,12 @@ class BatchGraph:
 
     def _residuals2(self) -> FloatArray:
         """(k,) squared Mahalanobis distances of sightings, then of priors."""
-        now, priors = self._now(), self._belief.priors
+        now, priors = self.estimate(), self._belief.priors
         landmarks = np.array([prior.landmark for prior in priors], dtype=np.int64)
         before = np.array([prior.map_t_landmark for prior in priors]).reshape(-1, 2)
         covariances = np.array([prior.covariance for prior in priors]).reshape(-1, 2, 2)
         moved2 = mahalanobis2(now.places(landmarks) - before, covariances)
         return np.concatenate([now.fit(self._batch)[self._rows], moved2])
-
-    def _now(self) -> Belief:
-        poses = np.array(self._belief.map_T_bases)
-        ends = [link.end for link in self._links]
-        poses[ends] = gtsam.utilities.extractPose2(self._values)
-        places = {
-            landmark: np.asarray(self._values.atPoint2(L(landmark)))
-            for landmark in self._belief.map_t_landmarks
-        }
-        return replace(self._belief, map_T_bases=poses, map_t_landmarks=places)
-
-    def _believed(self) -> Belief:
-        now = self._now()
-        return replace(now, map_T_bases=fill(self._batch, self._links, now.map_T_bases))
 
     def _marginals(self, keys: Sequence[int], size: int) -> FloatArray:
         covariances = np.zeros((len(keys), size, size))

@@ -1,8 +1,8 @@
 """Finds landmarks that are one object: where older ones are in sight again, a loop closes."""
 
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -159,7 +159,7 @@ def find_closures(
 
 def _closures(
     landmarks: dict[int, GraphLandmark],
-    estimate: dict[int, FloatArray],
+    estimate: Mapping[int, FloatArray],
     recent: Sequence[int],
     old: Sequence[int],
     covariance: FloatArray,
@@ -189,7 +189,7 @@ def _closures(
 def _candidates(
     graph: FactorGraph,
     recent: Sequence[int],
-    estimate: dict[int, FloatArray],
+    estimate: Mapping[int, FloatArray],
 ) -> list[int]:
     """The nearest of the landmarks that drift may have brought apart from a recent one."""
     others = [landmark for landmark in estimate if landmark not in set(recent)]
@@ -210,7 +210,7 @@ def _reach(graph: FactorGraph) -> float:
     return float(np.clip((2.0 * CHI2_2DOF_999 * largest) ** 0.5, _LEAST_REACH_M, _MAX_REACH_M))
 
 
-def _density(estimate: dict[int, FloatArray], recent: Sequence[int]) -> float:
+def _density(estimate: Mapping[int, FloatArray], recent: Sequence[int]) -> float:
     """Unmapped landmarks per m2 around those in sight."""
     positions = np.array(list(estimate.values()))
     centre = np.mean([estimate[landmark] for landmark in recent], axis=0)
@@ -218,8 +218,29 @@ def _density(estimate: dict[int, FloatArray], recent: Sequence[int]) -> float:
     return _UNMAPPED * (1.0 + float(near.sum())) / (np.pi * _SURROUNDINGS_M**2)
 
 
+class Places(Protocol):
+    """Where landmarks are."""
+
+    @property
+    def map_t_landmarks(self) -> Mapping[int, FloatArray]:
+        """(2,) by landmark."""
+        ...
+
+
+class Solved(Protocol):
+    """A graph with an estimate, incremental or batch."""
+
+    def estimate(self) -> Places:
+        """Where everything is."""
+        ...
+
+    def landmark_covariance(self, landmarks: Sequence[int]) -> FloatArray:
+        """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
+        ...
+
+
 def duplicates(
-    graph: FactorGraph,
+    graph: Solved,
     landmarks: dict[int, GraphLandmark],
     changed: Set[int],
     least_log_odds: float,
@@ -259,7 +280,7 @@ def _with_rivals(
 
 
 def _suspects(
-    landmarks: dict[int, GraphLandmark], estimate: dict[int, FloatArray], changed: Set[int]
+    landmarks: dict[int, GraphLandmark], estimate: Mapping[int, FloatArray], changed: Set[int]
 ) -> Iterator[tuple[int, list[int]]]:
     """Each landmark with the earlier ones around that it may be; neighbours follow each other."""
     from scipy.spatial import KDTree
