@@ -1,13 +1,12 @@
 """What one or more runs measured, numbered through, and what is believed of it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
 from semgraph.arrays import BoolArray, FloatArray, IntArray
-from semgraph.errors import InputError
 from semgraph.geometry import Pose2, UncertainPose2, relative_poses, wrap_angle
 from semgraph.landmarks import Perceptions, concatenate
 from semgraph.measurement_model import mahalanobis2
@@ -42,33 +41,35 @@ class Batch:
     views: tuple[tuple[int, View], ...]
 
     @classmethod
-    def of(cls, logs: Sequence[RunLog], starts: Sequence[UncertainPose2]) -> Self:
-        """The logs together.
-
-        Args:
-            logs: one or more.
-            starts: of each in the common map, instead of its own.
-        """
-        if not logs:
-            raise InputError("batch: expected at least one run")
-        sizes = [len(log.trajectory) for log in logs]
-        firsts = np.cumsum([0, *sizes[:-1]]).tolist()
-        seen = concatenate(0, [log.seen for log in logs])
-        reliabilities = np.maximum(seen.reliabilities, 0.05)
+    def of(cls, log: RunLog) -> Self:
+        """What one run measured."""
+        reliabilities = np.maximum(log.seen.reliabilities, 0.05)
         return cls(
-            tuple(firsts),
-            tuple(starts),
-            np.concatenate([log.trajectory.stamps_ns for log in logs]),
-            np.concatenate([log.motions for log in logs]),
-            np.concatenate([log.motion_covariances for log in logs]),
-            seen,
-            np.concatenate([log.scans + first for log, first in zip(logs, firsts, strict=True)]),
-            seen.covariances / reliabilities[:, None, None],
-            tuple(
-                (scan + first, view)
-                for log, first in zip(logs, firsts, strict=True)
-                for scan, view in log.views
-            ),
+            (0,),
+            (log.start,),
+            log.trajectory.stamps_ns,
+            log.motions,
+            log.motion_covariances,
+            log.seen,
+            log.scans,
+            log.seen.covariances / reliabilities[:, None, None],
+            log.views,
+        )
+
+    def joined(self, other: "Batch", start: UncertainPose2) -> "Batch":
+        """Both, the other's one session beginning at `start` in this one's map."""
+        n = len(self)
+        pairs = {
+            name: np.concatenate([getattr(self, name), getattr(other, name)])
+            for name in ("stamps_ns", "motions", "motion_covariances", "covariances")
+        }
+        return Batch(
+            firsts=(*self.firsts, n),
+            starts=(*self.starts, start),
+            seen=concatenate(0, [self.seen, other.seen]),
+            scans=np.concatenate([self.scans, other.scans + n]),
+            views=(*self.views, *((scan + n, view) for scan, view in other.views)),
+            **pairs,
         )
 
     def __len__(self) -> int:

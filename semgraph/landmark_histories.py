@@ -36,23 +36,28 @@ def histories(batch: Batch, belief: Belief) -> dict[int, GraphLandmark]:
 
 def confirmed(
     batch: Batch, known: dict[int, GraphLandmark], settings: SmootherSettings
-) -> dict[int, float]:
-    """Those that are in the map, with their reliabilities, by the rules of the smoother."""
-    usual = _usual_reliabilities(batch, known)
-    found = {}
-    for landmark, each in known.items():
-        reliability = each.evidence.reliability(usual[each.kind])
-        stayed_ns = each.stayed_ns
-        if each.identity:
-            stayed_ns = int(np.ptp(batch.stamps_ns[list(each.scans)]))
-        if (
-            each.num_sightings >= settings.min_sightings
-            and stayed_ns >= settings.least_seconds * 1e9
-            and reliability > 0.5
-            and each.existence.is_there
-        ):
-            found[landmark] = reliability
-    return found
+) -> set[int]:
+    """Those that are in the map, by the rules of the smoother."""
+    probable = reliabilities(batch, known)
+    return {
+        landmark
+        for landmark, each in known.items()
+        if each.num_sightings >= settings.min_sightings
+        and _stayed_ns(batch, each) >= settings.least_seconds * 1e9
+        and probable[landmark] > 0.5
+        and each.existence.is_there
+    }
+
+
+def reliabilities(batch: Batch, known: dict[int, GraphLandmark]) -> dict[int, float]:
+    """By landmark how probable it is what it was perceived as."""
+    usual = {
+        kind: float(batch.seen.reliabilities[batch.seen.kinds == kind].mean())
+        for kind in {each.kind for each in known.values()}
+    }
+    return {
+        landmark: each.evidence.reliability(usual[each.kind]) for landmark, each in known.items()
+    }
 
 
 def diameters(batch: Batch, landmarks: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -80,9 +85,8 @@ def _count_visits(known: GraphLandmark, stamps_ns: IntArray) -> None:
     known.num_views = min(known.num_tracks, known.num_diameters)
 
 
-def _usual_reliabilities(batch: Batch, known: dict[int, GraphLandmark]) -> dict[Kind, float]:
-    """By kind the mean over all perceptions of it."""
-    means = {}
-    for kind in {each.kind for each in known.values()}:
-        means[kind] = float(batch.seen.reliabilities[batch.seen.kinds == kind].mean())
-    return means
+def _stayed_ns(batch: Batch, known: GraphLandmark) -> int:
+    """For how long it was there; an identity is the same whenever it is sighted."""
+    if known.identity:
+        return int(np.ptp(batch.stamps_ns[list(known.scans)]))
+    return known.stayed_ns

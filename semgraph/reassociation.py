@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from semgraph.arrays import BoolArray, FloatArray, IntArray
+from semgraph.assignment import one_to_one
 from semgraph.batch import Batch, Belief
 from semgraph.landmark_histories import diameters
 from semgraph.measurement_model import CHI2_2DOF_999, diameters_contradict
@@ -27,13 +28,12 @@ def reassociate(batch: Batch, belief: Belief) -> IntArray:
     if not belief.map_t_landmarks:
         return np.full(len(batch.seen), -1, dtype=np.int64)
     ids = np.array(sorted(belief.map_t_landmarks), dtype=np.int64)
-    columns, distances2 = _candidates(batch, belief, ids)
-    best = distances2.argmin(axis=1)
-    rows = np.arange(len(best))
-    chosen = np.where(distances2[rows, best] <= CHI2_2DOF_999, columns[rows, best], -1)
-    for scan_rows in _contested(batch, chosen):
-        chosen[scan_rows] = _one_to_one(columns[scan_rows], distances2[scan_rows])
-    return np.where(chosen >= 0, ids[chosen], -1)
+    rows, columns, distances2 = _candidates(batch, belief, ids)
+    in_scan = np.unique(batch.scans[rows] * len(ids) + columns, return_inverse=True)[1]
+    holds = one_to_one(rows, in_scan, distances2, CHI2_2DOF_999)
+    chosen = np.full(len(batch.seen), -1, dtype=np.int64)
+    chosen[rows[holds]] = ids[columns[holds]]
+    return chosen
 
 
 def torn(batch: Batch, belief: Belief, landmarks: IntArray, pool: BoolArray) -> IntArray:
@@ -99,19 +99,20 @@ def _apart(batch: Batch, belief: Belief, rows: IntArray) -> IntArray:
     return rows[is_apart]
 
 
-def _candidates(batch: Batch, belief: Belief, ids: IntArray) -> tuple[IntArray, FloatArray]:
-    """(m, c) rows of `ids` near each perception and squared distances; inf for what cannot be."""
+def _candidates(
+    batch: Batch, belief: Belief, ids: IntArray
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """(p,) perceptions, rows of `ids` near them, and squared distances; inf for what cannot be."""
     from scipy.spatial import KDTree
 
     places = belief.places(ids)
     count = min(_NEAREST, len(ids))
     near = KDTree(places).query(batch.map_t_seen(belief.map_T_bases), k=count)[1]
-    columns = np.asarray(near, dtype=np.int64).reshape(-1, count)
-    rows = np.repeat(np.arange(len(columns)), count)
-    flat = columns.ravel()
-    distances2 = batch.distances2(rows, belief.map_T_bases, places[flat])
-    possible = _may_be(batch, belief, ids, rows, flat)
-    return columns, np.where(possible, distances2, np.inf).reshape(columns.shape)
+    columns = np.asarray(near, dtype=np.int64).ravel()
+    rows = np.repeat(np.arange(len(batch.seen)), count)
+    distances2 = batch.distances2(rows, belief.map_T_bases, places[columns])
+    possible = _may_be(batch, belief, ids, rows, columns)
+    return rows, columns, np.where(possible, distances2, np.inf)
 
 
 def _may_be(
@@ -135,34 +136,6 @@ def _may_be(
     return alike & ~diameters_contradict(
         seen.diameters_m[rows], seen.diameter_sigmas_m[rows], means_m[columns], sigmas_m[columns]
     )
-
-
-def _contested(batch: Batch, chosen: IntArray) -> list[IntArray]:
-    """The rows of each scan in which one landmark was chosen twice."""
-    rows = np.flatnonzero(chosen >= 0)
-    pairs = np.column_stack([batch.scans[rows], chosen[rows]])
-    unique, counts = np.unique(pairs, axis=0, return_counts=True)
-    scans = np.unique(unique[counts > 1, 0])
-    starts, ends = (np.searchsorted(batch.scans, scans, side) for side in ("left", "right"))
-    return [np.arange(start, end) for start, end in zip(starts, ends, strict=True)]
-
-
-def _one_to_one(columns: IntArray, distances2: FloatArray) -> IntArray:
-    """(k,) of the perceptions of one scan, candidates (k, c); being of none costs the gate."""
-    from scipy.optimize import linear_sum_assignment
-
-    ids, places = np.unique(columns, return_inverse=True)
-    k, count = len(columns), len(ids)
-    costs = np.full((k, count + k), CHI2_2DOF_999)
-    costs[:, :count] = 2.0 * CHI2_2DOF_999
-    inside = distances2 <= CHI2_2DOF_999
-    which = np.broadcast_to(np.arange(k)[:, None], columns.shape)
-    costs[which[inside], places.reshape(columns.shape)[inside]] = distances2[inside]
-    rows, picked = linear_sum_assignment(costs)
-    chosen = np.full(k, -1, dtype=np.int64)
-    real = picked < count
-    chosen[rows[real]] = ids[picked[real]]
-    return chosen
 
 
 def _of_one(batch: Batch, rows: IntArray, centre: int) -> IntArray:

@@ -9,7 +9,7 @@ import numpy as np
 from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.batch import Batch, Belief
 from semgraph.batch_graph import BatchGraph
-from semgraph.landmark_histories import confirmed, histories
+from semgraph.landmark_histories import confirmed, histories, reliabilities
 from semgraph.landmarks import Landmark
 from semgraph.loop_closure import GraphLandmark, duplicates
 from semgraph.reassociation import reassociate, torn, with_places, without_strays
@@ -27,6 +27,7 @@ class Refined:
         belief: the optimum, and which perception is of which landmark.
         known: by landmark what is known of it.
         landmarks: those that are confirmed: the map.
+        tentative: the others.
         pose_covariances: (n, 3, 3) of each scan's pose, in its own frame.
         changes: how many perceptions each round took for something else.
         cost: half the sum of squared residuals.
@@ -36,6 +37,7 @@ class Refined:
     belief: Belief
     known: Mapping[int, GraphLandmark]
     landmarks: tuple[Landmark, ...]
+    tentative: tuple[Landmark, ...]
     pose_covariances: FloatArray
     changes: tuple[int, ...]
     cost: float
@@ -84,22 +86,39 @@ def refined(
     """The map and all covariances at an optimum."""
     known = histories(batch, belief)
     graph = BatchGraph(batch, belief, every_scan=True)
+    every = _landmarks(belief, known, graph, reliabilities(batch, known))
     in_map = confirmed(batch, known, settings)
-    ids = sorted(in_map)
-    landmarks = tuple(
+    return Refined(
+        batch,
+        belief,
+        known,
+        tuple(each for each in every if each.id in in_map),
+        tuple(each for each in every if each.id not in in_map),
+        graph.pose_covariances(),
+        tuple(changes),
+        graph.cost,
+    )
+
+
+def _landmarks(
+    belief: Belief,
+    known: Mapping[int, GraphLandmark],
+    graph: BatchGraph,
+    reliabilities: Mapping[int, float],
+) -> list[Landmark]:
+    """All of the belief, with their marginal covariances."""
+    ids = sorted(known)
+    return [
         Landmark(
             landmark,
             known[landmark].semantics(),
             belief.map_t_landmarks[landmark],
             covariance,
             known[landmark].num_sightings,
-            in_map[landmark],
+            reliabilities[landmark],
         )
         for landmark, covariance in zip(ids, graph.landmark_covariances(ids), strict=True)
-    )
-    return Refined(
-        batch, belief, known, landmarks, graph.pose_covariances(), tuple(changes), graph.cost
-    )
+    ]
 
 
 def _decide(
