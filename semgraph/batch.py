@@ -133,7 +133,9 @@ class Belief:
 
     def places(self, landmarks: IntArray) -> FloatArray:
         """(k, 2) of landmarks (k,)."""
-        return np.array([self.map_t_landmarks[k] for k in landmarks.tolist()]).reshape(-1, 2)
+        ids, rows = np.unique(landmarks, return_inverse=True)
+        places = np.array([self.map_t_landmarks[k] for k in ids.tolist()]).reshape(-1, 2)
+        return np.asarray(places[rows])
 
     def assigned(self) -> BoolArray:
         """(m,) which perceptions are of a landmark."""

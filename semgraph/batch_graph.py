@@ -75,14 +75,9 @@ class BatchGraph:
         self._factored: Information | None = None
 
     @property
-    def factors(self) -> gtsam.NonlinearFactorGraph:
-        """What is minimised; for those who compare optimizers."""
-        return self._graph
-
-    @property
-    def values(self) -> gtsam.Values:
-        """Where it is now; before `optimum` where it begins."""
-        return self._values
+    def num_factors(self) -> int:
+        """How many there are."""
+        return int(self._graph.size())
 
     @property
     def cost(self) -> float:
@@ -113,6 +108,17 @@ class BatchGraph:
             self._settle()
         now = self.estimate()
         return replace(now, map_T_bases=fill(self._batch, self._links, now.map_T_bases))
+
+    def cost_by_gtsam(self, relative: float = 1e-5) -> float:
+        """The cost at which GTSAM's own Levenberg-Marquardt ends, from where the graph is now.
+
+        Args:
+            relative: it stops when a step lowers the cost by no larger part. Default: GTSAM's.
+        """
+        params = gtsam.LevenbergMarquardtParams()
+        params.setRelativeErrorTol(relative)
+        optimizer = gtsam.LevenbergMarquardtOptimizer(self._graph, self._values, params)
+        return float(self._graph.error(optimizer.optimize()))
 
     def landmark_covariance(self, landmarks: Sequence[int]) -> FloatArray:
         """(2n, 2n) joint covariance of landmarks, in map, in the order given."""

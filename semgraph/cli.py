@@ -82,6 +82,8 @@ def _bench(parsed: argparse.Namespace) -> None:
 
     if parsed.bench == "graph":
         commands.bench_graph(parsed.seeds, parsed.output)
+    elif parsed.bench == "refine":
+        commands.bench_refine(parsed.seeds, parsed.output)
     else:
         commands.bench_detectors(parsed.seeds, parsed.output, parsed.data)
 
@@ -202,6 +204,9 @@ def _add_bench(add_parser: _AddParser) -> None:
     graph = benches.add_parser("graph", help="beside the optimum with true associations")
     _add_seeds(graph, range(1, 51))
     _add_output(graph)
+    refine = benches.add_parser("refine", help="beside the batch optimum, and with a prior map")
+    _add_seeds(refine, range(101, 113))
+    _add_output(refine)
 
 
 def _add_seeds(parser: argparse.ArgumentParser, default: range) -> None:

@@ -223,6 +223,13 @@ def bench_graph(seeds: Sequence[int], output: Path | None) -> None:
     _bench("graph", SECTIONS, seeds, output)
 
 
+def bench_refine(seeds: Sequence[int], output: Path | None) -> None:
+    """Measures the figures of the offline refinement, prints and writes them."""
+    from evaluation.bench_refine import SECTIONS
+
+    _bench("refine", SECTIONS, seeds, output)
+
+
 def _bench(
     name: str, sections: Sequence["Section"], seeds: Sequence[int], output: Path | None
 ) -> None:

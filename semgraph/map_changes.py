@@ -20,7 +20,7 @@ _BEFORE: Final = float(np.log(9.0))
 _GONE: Final = -float(np.log(9.0))
 # What is gone, and stands anew within this, was moved.
 _MOVED_WITHIN_M: Final = 1.0
-# Nobody knows its diameter: rather small, then fewer looks count against it.
+# Where nobody knows any diameter: rather small, then fewer looks count against a thing.
 _SOME_DIAMETER_M: Final = 0.1
 
 
@@ -83,8 +83,9 @@ def changes(
     for row, k in _pairs(prior, tentative, set(pairs)).items():
         made[row] = _kept(prior, row, tentative[k])
     lost = np.setdiff1d(np.arange(len(prior)), list(made))
-    diameters_m = np.nan_to_num(prior.diameters_m[lost], nan=_SOME_DIAMETER_M)
-    looks = MapLooks(batch, belief, *_there(landmarks))
+    there, usual_m = _there(landmarks)
+    diameters_m = np.nan_to_num(prior.diameters_m[lost], nan=float(np.median(usual_m)))
+    looks = MapLooks(batch, belief, there, usual_m)
     absence = looks.absence(prior.map_t_landmarks[lost], prior.covariances[lost], diameters_m)
     log_odds = _BEFORE + absence.log_odds
     free = np.setdiff1d(np.arange(len(landmarks)), list(pairs.values()))
@@ -113,11 +114,13 @@ def _pairs(
 
 
 def _there(landmarks: Sequence[Landmark]) -> tuple[IntArray, FloatArray]:
-    """The landmarks of a map, and their diameters."""
+    """The landmarks of a map, and their diameters; an unknown one is as usual."""
+    known = [each.semantics.diameter for each in landmarks if each.semantics.diameter]
+    usual_m = float(np.median([each.mean_m for each in known])) if known else _SOME_DIAMETER_M
     diameters = [each.semantics.diameter for each in landmarks]
     return (
         np.array([each.id for each in landmarks], dtype=np.int64),
-        np.array([each.mean_m if each else _SOME_DIAMETER_M for each in diameters]),
+        np.array([each.mean_m if each else usual_m for each in diameters] or [usual_m]),
     )
 
 
