@@ -43,7 +43,7 @@ _FALSE_FROM_TREES_M: Final = 2.0
 # Seen in so many looks 0.3 m apart, a tree or its absence was visible.
 _VISIBLE_LOOKS: Final = 5
 _REACH_M: Final = 15.0
-_DIAMETER_M: Final = 0.2
+_DIAMETER_SIGMA: Final = 0.1
 _TIMES: Final = 5
 _SAME_M: Final = 0.6
 
@@ -169,22 +169,26 @@ def solved(source: Source, result: RunResult, best: Refined) -> Solved:
 def updated(source: Source, result: RunResult, best: Refined, seed: int) -> Updated:
     """The figures of one refined run beside a prior map made of its truth."""
     rng = np.random.default_rng(seed)
-    trees = known(source.truth.landmarks).world_t_landmarks
+    landmarks = known(source.truth.landmarks)
+    trees, wide_m = landmarks.world_t_landmarks, landmarks.diameters_m
     true = true_belief(source, best.batch, ())
     num_wrong = round(_WRONG_SHARE * len(trees))
     is_missing = np.zeros(len(trees), dtype=np.bool_)
     is_missing[rng.choice(len(trees), num_wrong, replace=False)] = True
     false = _false_trees(trees, num_wrong, rng)
     places = np.vstack([trees[~is_missing], false])
-    prior = _prior_map(places + rng.normal(0.0, _PRIOR_SIGMA_M, places.shape))
+    thick_m = rng.choice(wide_m, len(false))
+    prior = _prior_map(places, np.concatenate([wide_m[~is_missing], thick_m]), rng)
     start = Pose2.from_array(true.map_T_bases[0]) @ result.smoothed.pose(0).inverse()
     new = update_map(best, prior, _SETTINGS, Silence().note, start)
     told = changes(new.batch, new.belief, new.landmarks, new.tentative, prior)
     num_true = len(trees) - num_wrong
     gone = np.array([change.fate is Fate.GONE for change in told[: len(prior)]])
     views = known(result.log).views
-    false_shown = _is_visible(views, true.map_T_bases, false)
-    missing_shown = is_missing & _is_visible(views, true.map_T_bases, trees)
+    # What is not there is where the map says that it is.
+    stated = prior.map_t_landmarks[num_true:]
+    false_shown = _is_visible(views, true.map_T_bases, stated, thick_m)
+    missing_shown = is_missing & _is_visible(views, true.map_T_bases, trees, wide_m)
     added = [change.map_t_landmark for change in told if change.fate is Fate.ADDED]
     pairs = _pairs(source, np.array(added).reshape(-1, 2))
     return Updated(
@@ -241,25 +245,29 @@ def _false_trees(trees: FloatArray, count: int, rng: np.random.Generator) -> Flo
     return apart[:count]
 
 
-def _prior_map(places: FloatArray) -> PriorMap:
+def _prior_map(places: FloatArray, diameters_m: FloatArray, rng: np.random.Generator) -> PriorMap:
+    """As somebody may have measured it: positions roughly, diameters to a tenth."""
     k = len(places)
+    measured_m = diameters_m * np.exp(rng.normal(0.0, _DIAMETER_SIGMA, k))
     return PriorMap(
         tuple(str(number) for number in range(k)),
         np.full(k, Kind.TREE),
-        places,
+        places + rng.normal(0.0, _PRIOR_SIGMA_M, places.shape),
         np.broadcast_to(_PRIOR_SIGMA_M**2 * np.eye(2), (k, 2, 2)),
-        np.full(k, np.nan),
-        np.full(k, np.nan),
+        measured_m,
+        _DIAMETER_SIGMA * measured_m,
         ("",) * k,
     )
 
 
 def _is_visible(
-    views: Sequence[tuple[int, View]], world_T_bases: FloatArray, places: FloatArray
+    views: Sequence[tuple[int, View]],
+    world_T_bases: FloatArray,
+    places: FloatArray,
+    diameters_m: FloatArray,
 ) -> BoolArray:
-    """(n,) whether a thin tree at each place would have shown in five looks or more."""
+    """(n,) whether a tree at each place would have shown in five looks or more."""
     looks = np.zeros(len(places), dtype=np.int64)
-    diameters_m = np.full(len(places), _DIAMETER_M)
     for scan, view in views:
         pose = Pose2.from_array(world_T_bases[scan])
         apart = places - (pose.x, pose.y)

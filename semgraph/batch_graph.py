@@ -70,7 +70,8 @@ class BatchGraph:
         for k in range(len(self._weights)):
             self._graph.add(self._factor(k))
         self._values = _values(belief, [link.end for link in self._links])
-        self._ordering = gtsam.Ordering.ColamdNonlinearFactorGraph(self._graph)
+        # Dissecting the loops of a drive leaves a third less to do than COLAMD.
+        self._ordering = gtsam.Ordering.MetisNonlinearFactorGraph(self._graph)
         self._columns: dict[int, IntArray] = {}
         self._factored: Information | None = None
 

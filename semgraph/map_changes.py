@@ -18,6 +18,8 @@ from semgraph.prior_map import PriorMap
 # A map is right of nine landmarks in ten; gone and there are more probable than nine to one.
 _BEFORE: Final = float(np.log(9.0))
 _GONE: Final = -float(np.log(9.0))
+# A thing of unknown diameter may be as thin as one in ten: thin ones show less often.
+_THIN: Final = 0.1
 # What is gone, and stands anew within this, was moved.
 _MOVED_WITHIN_M: Final = 1.0
 # Where nobody knows any diameter: rather small, then fewer looks count against a thing.
@@ -84,7 +86,7 @@ def changes(
         made[row] = _kept(prior, row, tentative[k])
     lost = np.setdiff1d(np.arange(len(prior)), list(made))
     there, usual_m = _there(landmarks)
-    diameters_m = np.nan_to_num(prior.diameters_m[lost], nan=float(np.median(usual_m)))
+    diameters_m = np.nan_to_num(prior.diameters_m[lost], nan=float(np.quantile(usual_m, _THIN)))
     looks = MapLooks(batch, belief, there, usual_m)
     absence = looks.absence(prior.map_t_landmarks[lost], prior.covariances[lost], diameters_m)
     log_odds = _BEFORE + absence.log_odds

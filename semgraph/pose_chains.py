@@ -63,12 +63,15 @@ def fill(batch: Batch, made: Sequence[Link], map_T_bases: FloatArray) -> FloatAr
 
 def _share_out(batch: Batch, link: Link, poses: FloatArray) -> None:
     """Source: the mean of a Gaussian given its end, cov(a, b) cov(b)^-1 (b - mean)."""
+    first = batch.firsts[link.session] if link.start is None else link.start + 1
+    if first == link.end:
+        return
     if link.start is None:
-        at, first = batch.starts[link.session], batch.firsts[link.session]
+        at = batch.starts[link.session]
         map_T_end = link.motion.pose
     else:
         at = UncertainPose2(Pose2.from_array(poses[link.start]), np.zeros((3, 3)))
-        first, map_T_end = link.start + 1, at.pose @ link.motion.pose
+        map_T_end = at.pose @ link.motion.pose
     error = map_T_end.between(Pose2.from_array(poses[link.end])).as_array()
     weighed = np.linalg.solve(link.motion.covariance, error)
     for scan in range(first, link.end):
