@@ -1,4 +1,4 @@
-"""The pose and landmark graph on iSAM2. Only this file and `factors.py` know gtsam.
+"""The pose and landmark graph on iSAM2. Only this, `batch_graph.py` and `factors.py` know gtsam.
 
 The graph keeps a log of its own of every factor. iSAM2 is built from the log again when an update
 fails, since a failed update leaves it unusable.
