@@ -17,7 +17,9 @@ _APART_M: Final = 0.3
 _NEIGHBOUR_M: Final = 6.0
 _FIELD_QUANTILE: Final = 0.98
 _NUM_BANDS: Final = 4
-# What is called absent when it is there but for something else in its place.
+# So near a landmark there is no other, as in `reassociation.py`.
+_TAKEN_M: Final = 0.5
+# How often something is perceived where nothing stands.
 _CLUTTER: Final = 0.05
 # No look is surer than this to show what is there.
 _SURE: Final = 0.99
@@ -71,7 +73,8 @@ class MapLooks:
         """Of things that stand somewhere about places (k, 2) and were not found.
 
         The places are known to covariances (k, 2, 2): what was not looked at in all of where it
-        may be is not known to be absent. By Bayes' rule, over points drawn about each place.
+        may be is not known to be absent. By Bayes' rule, over points about each place where nothing
+        else stands.
         """
         k, points = len(map_t_places), len(_RADII)
         spread = np.linalg.cholesky(covariances)
@@ -87,8 +90,20 @@ class MapLooks:
             in_vain[seen] += np.minimum(np.log((1.0 - rates) / (1.0 - _CLUTTER)), 0.0)
             counts[seen] += 1.0
         likelihoods = np.exp(np.maximum(in_vain, -50.0)).reshape(k, points)
+        free = self._is_free(flat).reshape(k, points)
         looks = np.median(counts.reshape(k, points), axis=1)
-        return Absence(looks.astype(np.int64), np.log(likelihoods.mean(axis=1)))
+        return Absence(
+            looks.astype(np.int64), np.log(np.average(likelihoods, axis=1, weights=free))
+        )
+
+    def _is_free(self, map_t_places: FloatArray) -> FloatArray:
+        """(n,) 1 where no landmark stands; next to 0 where one does, and so nothing else."""
+        from scipy.spatial import KDTree
+
+        if not len(self._places):
+            return np.ones(len(map_t_places))
+        apart_m, _ = KDTree(self._places).query(map_t_places)
+        return np.where(apart_m > _TAKEN_M, 1.0, 1e-6)
 
     def _perceived(self, there: IntArray, diameters_m: FloatArray) -> FloatArray:
         """(bands,) how often what stands there is perceived, by how far away it is."""
