@@ -76,7 +76,7 @@ class Updated:
             many of them are gone.
         num_missing, named_missing: trees missing in it that were visible, and how many were added.
         num_lost: trees that are there and were taken for gone.
-        num_extra: added, where there is no tree.
+        num_extra: added where there is no tree, beyond what the run already had there (bushes).
     """
 
     map_ratio: float
@@ -138,7 +138,13 @@ def updated_rows(trials: Sequence[Updated]) -> list[Row]:
         Row("false trees that were visible, named", false, "", Better.HIGHER, 0.95),
         Row("missing trees that were visible, named", missing, "", Better.HIGHER, 0.95),
         Row("standing trees taken for gone, all runs", sums["num_lost"], "", Better.LOWER, 0.0),
-        Row("trees added where there is none, all runs", sums["num_extra"], "", Better.LOWER, 0.0),
+        Row(
+            "trees added where none is, beyond the run's, all runs",
+            sums["num_extra"],
+            "",
+            Better.LOWER,
+            0.0,
+        ),
     ]
 
 
@@ -198,7 +204,7 @@ def updated(source: Source, result: RunResult, best: Refined, seed: int) -> Upda
         int(missing_shown.sum()),
         int(missing_shown[pairs[:, 1]].sum()),
         int(gone[:num_true].sum()),
-        len(added) - len(pairs),
+        max(len(added) - len(pairs) - _num_false(source, best, true), 0),
     )
 
 
@@ -228,6 +234,16 @@ def _map_ratio(
     own = np.array([new.landmarks[column].map_t_landmark - trees[row] for column, row in both])
     best = np.array([oracle[row] - trees[row] for _, row in both])
     return _rms(own) / _rms(best)
+
+
+def _num_false(source: Source, best: Refined, true: Belief) -> int:
+    """Landmarks of a map before the prior that are no trees."""
+    world_T_map = (
+        Pose2.from_array(true.map_T_bases[0])
+        @ Pose2.from_array(best.belief.map_T_bases[0]).inverse()
+    )
+    places = np.array([each.map_t_landmark for each in best.landmarks])
+    return len(places) - len(_pairs(source, world_T_map.transform(places)))
 
 
 def _pairs(source: Source, places: FloatArray) -> IntArray:

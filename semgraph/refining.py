@@ -170,6 +170,7 @@ def _alone(
     batch = Batch.of(log)
     begin = Belief(log.trajectory.map_T_bases, log.landmarks, {})
     belief, rounds = refine(batch, begin, settings, lambda text: note(f"{name}: {text}"))
+    note(f"{name}: covariances")
     return refined(batch, belief, settings, rounds)
 
 
