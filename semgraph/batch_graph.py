@@ -61,6 +61,7 @@ class BatchGraph:
         self._rows = np.flatnonzero(belief.assigned())
         kept = np.full(len(batch), every_scan)
         kept[batch.scans[self._rows]] = True
+        kept[list(batch.firsts)] = True
         self._links = links(batch, kept)
         self._weights = np.ones(len(self._rows) + len(belief.priors))
         self._graph = gtsam.NonlinearFactorGraph()

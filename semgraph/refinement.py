@@ -1,7 +1,7 @@
 """Offline refinement: all measurements at once, associations decided anew until nothing changes."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -126,7 +126,7 @@ def _decide(
 ) -> Belief:
     """The same places with associations decided anew."""
     merged = _merged(batch, belief, graph, settings)
-    belief = replace(with_places(batch, belief, merged), landmarks=merged)
+    belief = with_places(batch, belief, merged)
     landmarks = torn(batch, belief, reassociate(batch, belief), pool)
     return with_places(batch, belief, without_strays(landmarks))
 

@@ -85,7 +85,7 @@ def test_composing_equals_not_composing() -> None:
     batch = Batch.of(log(3, num_scans=12, sighted_from=(2, 5, 6, 9)))
     begin = belief(batch)
     short, whole = BatchGraph(batch, begin), BatchGraph(batch, begin, every_scan=True)
-    assert short.num_factors == whole.num_factors - 8
+    assert short.num_factors == whole.num_factors - 7
     one, other = short.optimum(), whole.optimum()
     np.testing.assert_allclose(one.map_T_bases, other.map_T_bases, atol=2e-4)
     np.testing.assert_allclose(one.places(np.arange(4)), other.places(np.arange(4)), atol=2e-4)
@@ -94,8 +94,21 @@ def test_composing_equals_not_composing() -> None:
     )
     assert short.cost == pytest.approx(whole.cost, rel=1e-3)
     np.testing.assert_allclose(
-        short.pose_covariances(), whole.pose_covariances()[[2, 5, 6, 9]], rtol=0.03, atol=1e-8
+        short.pose_covariances(), whole.pose_covariances()[[0, 2, 5, 6, 9]], rtol=0.03, atol=1e-8
     )
+
+
+@pytest.mark.parametrize("num_scans", [1, 2, 9])
+def test_without_sightings_the_motions_carry_on(num_scans: int) -> None:
+    batch = Batch.of(log(2, num_scans, sighted_from=()))
+    begin = replace(belief(batch), map_t_landmarks={})
+    found = BatchGraph(batch, begin).optimum()
+    np.testing.assert_allclose(found.map_T_bases, begin.map_T_bases, atol=1e-9)
+    covariances = BatchGraph(batch, begin, every_scan=True).pose_covariances()
+    expected = batch.starts[0]
+    for scan in range(num_scans):
+        expected = expected @ batch.motion(scan)
+        np.testing.assert_allclose(covariances[scan], expected.covariance, rtol=0.02, atol=1e-9)
 
 
 def test_wrong_sightings_have_no_say() -> None:

@@ -23,6 +23,7 @@ from semgraph.refining import Refinement, refine_sessions
 from semgraph.results import RunResult
 from semgraph.run_log import RunLog
 from semgraph.smoother import SmootherSettings
+from tests.semgraph.logs import log
 
 SETTINGS = SmootherSettings()
 SHORT: dict[str, object] = {
@@ -70,10 +71,10 @@ def silent(_: str) -> None:
 
 
 def refined_from(landmarks: IntArray) -> Refined:
-    log = course().log
-    batch = Batch.of(log)
+    measured = course().log
+    batch = Batch.of(measured)
     belief, rounds = refine(
-        batch, Belief(log.trajectory.map_T_bases, landmarks, {}), SETTINGS, silent
+        batch, Belief(measured.trajectory.map_T_bases, landmarks, {}), SETTINGS, silent
     )
     return refined(batch, belief, SETTINGS, rounds)
 
@@ -201,6 +202,13 @@ def test_what_nobody_came_by_is_not_visited() -> None:
     assert not of(result.changes, Fate.GONE)
 
 
+def test_a_run_that_sighted_nothing_says_nothing() -> None:
+    blind = log(2, sighted_from=())
+    result = refine_sessions([("blind", blind)], SETTINGS, prior_map(noisy_trees()), None, silent)
+    assert not result.refined.landmarks
+    assert len(of(result.changes, Fate.NOT_VISITED)) == 40
+
+
 def test_a_map_in_another_frame_needs_the_start() -> None:
     prior_T_map = Pose2(30.0, -20.0, 2.0)
     start = prior_T_map @ course().log.start.pose
@@ -224,13 +232,13 @@ def shifted(log: RunLog, by: Pose2) -> RunLog:
 
 
 def test_two_sessions_give_one_map() -> None:
-    log = course().log
-    alone = refine_sessions([("one", log)], SETTINGS, None, None, silent)
-    other = shifted(log, Pose2(0.4, -0.3, 0.02))
-    both = refine_sessions([("one", log), ("two", other)], SETTINGS, None, None, silent)
+    measured = course().log
+    alone = refine_sessions([("one", measured)], SETTINGS, None, None, silent)
+    other = shifted(measured, Pose2(0.4, -0.3, 0.02))
+    both = refine_sessions([("one", measured), ("two", other)], SETTINGS, None, None, silent)
     assert both.changes is None
     assert len(both.refined.landmarks) == 40
-    assert [len(each) for each in both.trajectories] == [len(log.trajectory)] * 2
+    assert [len(each) for each in both.trajectories] == [len(measured.trajectory)] * 2
     np.testing.assert_allclose(
         both.trajectories[1].map_T_bases, both.trajectories[0].map_T_bases, atol=0.01
     )
@@ -243,10 +251,10 @@ def test_two_sessions_give_one_map() -> None:
 
 
 def test_sessions_of_two_places_are_refused() -> None:
-    log = course().log
+    measured = course().log
     with pytest.raises(InputError, match="session 2: expected 2 landmarks or more"):
         refine_sessions(
-            [("one", log), ("two", shifted(log, Pose2(500.0, 0.0, 0.0)))],
+            [("one", measured), ("two", shifted(measured, Pose2(500.0, 0.0, 0.0)))],
             SETTINGS,
             None,
             None,
