@@ -15,7 +15,9 @@ from semgraph.loop_closure import GraphLandmark, duplicates
 from semgraph.reassociation import reassociate, torn, with_places, without_strays
 from semgraph.smoother import SmootherSettings
 
-MAX_ROUNDS: Final = 10
+MAX_ROUNDS: Final = 12
+# Afterwards landmarks are neither joined nor torn, and every change lowers the robust cost.
+_RESTRUCTURING_ROUNDS: Final = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +60,8 @@ def refine(
     """The optimum over all measurements, and how many associations each round changed.
 
     Each round moves to the optimum, makes one of what is one by joint covariances, decides for
-    every perception anew, and lets what was torn off become something of its own.
+    every perception anew, and lets what was torn off become something of its own. The last rounds
+    only decide anew, so that joining and tearing cannot go on by turns.
 
     Raises:
         GraphError: the batch cannot be solved.
@@ -69,7 +72,10 @@ def refine(
     for number in range(1, max_rounds + 1):
         graph = BatchGraph(batch, belief)
         belief = graph.optimum()
-        after = _decide(batch, belief, graph, settings, pool)
+        if number <= _RESTRUCTURING_ROUNDS:
+            after = _decide(batch, belief, graph, settings, pool)
+        else:
+            after = with_places(batch, belief, without_strays(reassociate(batch, belief)))
         changes.append(int((after.landmarks != belief.landmarks).sum()))
         note(f"round {number}, {changes[-1]} associations changed")
         if changes[-1] == 0:
