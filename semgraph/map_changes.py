@@ -82,8 +82,10 @@ def changes(
     """
     pairs = _pairs(prior, landmarks)
     made = {row: _kept(prior, row, landmarks[k]) for row, k in pairs.items()}
-    for row, k in _pairs(prior, tentative, set(pairs)).items():
-        made[row] = _kept(prior, row, tentative[k])
+    # What is hardly a tree, say, may still be one where the map has one.
+    probable = [each for each in tentative if _BEFORE + _log_odds(each) > 0.0]
+    for row, k in _pairs(prior, probable, set(pairs)).items():
+        made[row] = _kept(prior, row, probable[k])
     lost = np.setdiff1d(np.arange(len(prior)), list(made))
     there, usual_m = _there(landmarks)
     diameters_m = np.nan_to_num(prior.diameters_m[lost], nan=float(np.quantile(usual_m, _THIN)))
