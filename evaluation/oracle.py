@@ -1,12 +1,13 @@
 """What is possible: the batch optimum over the same measurements with the true associations."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final, Self
 
 import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray
+from semgraph.batch import Batch, Belief, Prior
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
 from semgraph.factor_graph import FactorGraph
@@ -52,7 +53,7 @@ def oracle(source: Source, settings: Settings) -> Oracle:
     """
     recording, truth = source.recording, _Known.of(source)
     tracker = FastEstimator(settings.tracker, recording.map_T_start)
-    graph = FactorGraph(UncertainPose2(recording.map_T_start, settings.smoother.start_covariance))
+    graph = FactorGraph(settings.smoother.start(recording.map_T_start))
     perceiver, stamps_ns = Perceiver(recording, settings), list[int]()
     map_T_world, odom_T_last = recording.map_T_start, recording.map_T_start
     for moment in moments(recording, perceiver, YawRateLog()):
@@ -76,6 +77,31 @@ def oracle(source: Source, settings: Settings) -> Oracle:
         estimate.map_t_landmarks,
         dict(zip(landmarks, graph.landmark_covariances(landmarks), strict=True)),
     )
+
+
+def true_belief(source: Source, batch: Batch, priors: Sequence[Prior]) -> Belief:
+    """A batch's true poses and associations, in the world; landmarks are rows of the truth.
+
+    With a prior map of true landmarks, that a batch optimum starts from.
+
+    Raises:
+        InputError: without true poses and landmarks there are no true associations.
+    """
+    truth = _Known.of(source)
+    poses = [truth.pose(stamp_ns) for stamp_ns in batch.stamps_ns.tolist()]
+    rows = np.full(len(batch.seen), -1, dtype=np.int64)
+    starts, ends = (
+        np.searchsorted(batch.scans, np.arange(len(batch)), side) for side in ("left", "right")
+    )
+    for scan, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+        perceptions = replace(
+            batch.seen.select(np.arange(start, end)), stamp_ns=int(batch.stamps_ns[scan])
+        )
+        rows[start:end] = truth.rows(perceptions, poses[scan])
+    places = truth.landmarks.world_t_landmarks
+    known = {row: places[row] for row in np.unique(rows[rows >= 0]).tolist()}
+    seen = tuple(prior for prior in priors if prior.landmark in known)
+    return Belief(np.array([pose.as_array() for pose in poses]), rows, known, seen)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -64,6 +64,18 @@ def _call(parsed: argparse.Namespace) -> None:
             commands.detect(parsed.source, parsed.output, parsed.settings, parsed.set)
         case "simulate":
             commands.simulate(parsed.source, parsed.folder, parsed.set)
+        case "refine":
+            _refine(parsed)
+        case "bench":
+            _call_bench(parsed)
+        case _:
+            _look_at_results(parsed)
+
+
+def _look_at_results(parsed: argparse.Namespace) -> None:
+    from semgraph import commands
+
+    match parsed.command:
         case "evaluate":
             commands.evaluate(parsed.folder)
         case "explain":
@@ -72,8 +84,6 @@ def _call(parsed: argparse.Namespace) -> None:
             commands.compare(parsed.first, parsed.second)
         case "view":
             commands.view(parsed.folder)
-        case "bench":
-            _call_bench(parsed)
 
 
 def _call_bench(parsed: argparse.Namespace) -> None:
@@ -84,8 +94,25 @@ def _call_bench(parsed: argparse.Namespace) -> None:
             commands.bench_graph(parsed.seeds, parsed.output, parsed.data, parsed.only)
         case "online":
             commands.bench_online(parsed.seeds, parsed.output)
+        case "refine":
+            commands.bench_refine(parsed.seeds, parsed.output)
         case "detectors":
             commands.bench_detectors(parsed.seeds, parsed.output, parsed.data)
+
+
+def _refine(parsed: argparse.Namespace) -> None:
+    from semgraph import commands
+    from semgraph.geometry import Pose2
+
+    commands.refine(
+        parsed.sources,
+        parsed.output,
+        parsed.map,
+        parsed.map_sigma,
+        Pose2(*parsed.start) if parsed.start is not None else None,
+        parsed.settings,
+        parsed.set,
+    )
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -146,6 +173,7 @@ def _parser() -> argparse.ArgumentParser:
     compare = commands.add_parser("compare", help="how far two runs of one recording are apart")
     compare.add_argument("first", type=Path, metavar="DIR", help="the results of a run")
     compare.add_argument("second", type=Path, metavar="DIR", help="the results of another")
+    _add_refine(commands.add_parser)
     _add_bench(commands.add_parser)
     return parser
 
@@ -165,6 +193,47 @@ def _add_with_source(add_parser: _AddParser, name: str, what: str) -> argparse.A
         command, "one setting, e.g. fast.search_radius_m=0.8; without a section: of the source"
     )
     return command
+
+
+def _add_refine(add_parser: _AddParser) -> None:
+    refine = add_parser("refine", help="all measurements of runs at once, offline, robustly")
+    refine.add_argument(
+        "sources",
+        nargs="+",
+        metavar="RECORDING|DIR",
+        help="recordings, or results of runs, of one place; each starts where the first does",
+    )
+    refine.add_argument(
+        "--map",
+        type=Path,
+        metavar="PRIOR",
+        help="from before: results, map.json, map.csv, or a table x,y or x,y,diameter",
+    )
+    refine.add_argument(
+        "--map-sigma",
+        type=_sigma,
+        default=0.5,
+        metavar="M",
+        help="of one axis, for a table (default: 0.5)",
+    )
+    refine.add_argument(
+        "--start",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "YAW"),
+        help="where the first session starts in PRIOR, to about a metre (default: as it says)",
+    )
+    _add_output(refine)
+    refine.add_argument("--settings", type=Path, metavar="FILE", help="settings in TOML")
+    _add_set(refine, "one setting, as of semgraph run")
+
+
+def _sigma(text: str) -> float:
+    """Metres above zero."""
+    sigma_m = float(text)
+    if not 0.0 < sigma_m <= 100.0:
+        raise argparse.ArgumentTypeError(f"expected 0 to 100 m, got {text}")
+    return sigma_m
 
 
 def _add_bench(add_parser: _AddParser) -> None:
@@ -196,6 +265,9 @@ def _add_bench(add_parser: _AddParser) -> None:
     online = benches.add_parser("online", help="of the graph in a process of its own, in real time")
     _add_seeds(online, range(1, 4), "some minutes")
     _add_output(online)
+    refine = benches.add_parser("refine", help="beside the batch optimum, and with a prior map")
+    _add_seeds(refine, range(101, 113), "some minutes")
+    _add_output(refine)
 
 
 def _add_seeds(parser: argparse.ArgumentParser, default: range, takes: str) -> None:

@@ -11,21 +11,26 @@ from rich.table import Table
 
 from evaluation.metrics import Metric
 from evaluation.report import evaluate_folder, table_rows
-from evaluation.trajectory import trajectory_difference
-from evaluation.truth_files import write_truth
-from semgraph import explaining, pipeline, results, staging, viewer
+from evaluation.trajectory import compare_path, rmse, trajectory_difference
+from evaluation.truth_files import read_truth, write_truth
+from semgraph import explaining, pipeline, refining, results, staging, viewer
 from semgraph.detecting import Effort, Efforts, write_detections
-from semgraph.errors import SemgraphError
+from semgraph.errors import InputError, SemgraphError
+from semgraph.estimates import Trajectory
+from semgraph.geometry import Pose2
 from semgraph.online import OnlineSmoother
 from semgraph.pacing import Pace
 from semgraph.perceiving import Perceiver
+from semgraph.prior_map import read_prior_map
 from semgraph.progress import progress
+from semgraph.run_log import RunLog
 from semgraph.settings import Settings, load_settings
 from semgraph.trace import Trace
 from sensors.catalog import open_source, source_options
 from sensors.measurements import Recording
 from sensors.plain_perceptions import PERCEPTIONS_FILE
 from sensors.plain_writing import write
+from sensors.truth import Truth
 
 if TYPE_CHECKING:
     from evaluation.bench import Section
@@ -34,6 +39,7 @@ DEMO_SOURCE: Final = "course:perceptions"
 RESULTS: Final = Path("results")
 RUN_RRD: Final = "run.rrd"
 DETECTIONS_PNG: Final = "detections.png"
+REFINED_PNG: Final = "refined.png"
 _NUM_SHOWN: Final = 6
 
 
@@ -142,6 +148,70 @@ def compare(first: Path, second: Path) -> None:
     )
 
 
+def refine(
+    sources: Sequence[str],
+    output: Path | None,
+    prior_file: Path | None,
+    map_sigma_m: float,
+    map_T_start: Pose2 | None,
+    settings_file: Path | None,
+    assignments: Sequence[str],
+) -> None:
+    """Refines runs, or recordings that are run first, in one batch; prints and writes the outcome.
+
+    Raises:
+        SemgraphError: anything that a user can put right.
+    """
+    from evaluation.figures import draw_refinement
+
+    console = Console(soft_wrap=True)
+    settings = load_settings(settings_file, assignments)
+    prior = read_prior_map(prior_file, map_sigma_m) if prior_file is not None else None
+    sessions = [_session(console, source, settings) for source in sources]
+    folder = output or staging.new_results_folder(RESULTS, datetime.now().astimezone())
+    logs = [(name, log) for name, log, _ in sessions]
+    with staging.staged_folder(folder, refining.REFINED_JSON) as staged:
+        with progress(console, "refining", len(sessions), "sessions") as report:
+            refinement = refining.refine_sessions(
+                logs, settings.smoother, prior, map_T_start, report.note
+            )
+        refining.write_refinement(refinement, staged)
+        draw_refinement(refinement, staged / REFINED_PNG)
+    for line in refining.report(refinement):
+        console.print(line)
+    for (name, log, truth), trajectory in zip(sessions, refinement.trajectories, strict=True):
+        _print_gain(console, name, truth, log.trajectory, trajectory)
+    console.print(f"written: {folder}, look at {folder / REFINED_PNG}")
+
+
+def _session(console: Console, source: str, settings: Settings) -> tuple[str, RunLog, Truth]:
+    """The log of a run's folder, or of a recording that is run now; its truth for judging."""
+    if refining.is_run(Path(source)):
+        return Path(source).name, refining.log_of_run(Path(source)), read_truth(Path(source))
+    with console.status(f"reading {source}"):
+        opened = open_source(source, settings.source)
+    recording, perceiver = opened.recording, Perceiver(opened.recording, settings)
+    with progress(console, recording.name, recording.num_scans) as report:
+        result = pipeline.run(recording, settings, perceiver, report, {})
+    if result.log is None:
+        raise InputError(f"{source}: expected a log of its run, there is none")
+    return recording.name, result.log, opened.truth
+
+
+def _print_gain(
+    console: Console, name: str, truth: Truth, run: Trajectory, refined: Trajectory
+) -> None:
+    """Both errors, where there is a true path."""
+    if truth.path is None:
+        return
+    before, after = compare_path(run, truth.path), compare_path(refined, truth.path)
+    if before is not None and after is not None:
+        console.print(
+            f"{name}: trajectory, rigidly aligned, RMSE {rmse(before.distances):.4f} m in the run, "
+            f"{rmse(after.distances):.4f} m refined"
+        )
+
+
 def view(folder: Path) -> None:
     """Opens a run in Rerun."""
     viewer.open_viewer(folder / RUN_RRD)
@@ -198,6 +268,13 @@ def bench_online(seeds: Sequence[int], output: Path | None) -> None:
     from evaluation.bench_online import SECTIONS
 
     _bench("online", SECTIONS, seeds, output)
+
+
+def bench_refine(seeds: Sequence[int], output: Path | None) -> None:
+    """Measures the figures of the offline refinement, prints and writes them."""
+    from evaluation.bench_refine import SECTIONS
+
+    _bench("refine", SECTIONS, seeds, output)
 
 
 def _bench(

@@ -1,4 +1,4 @@
-"""The pose and landmark graph on iSAM2. Only this file and `factors.py` know gtsam.
+"""The pose and landmark graph on iSAM2. Only this, `batch_graph.py` and `factors.py` know gtsam.
 
 The graph keeps a log of its own of every factor. iSAM2 is built from the log again when an update
 fails, since a failed update leaves it unusable. After an update only what is asked for is read:
@@ -400,7 +400,8 @@ class FactorGraph:
         # Where the pose is unsure by kilometres, little is left of the difference but rounding.
         values, axes = np.linalg.eigh(0.5 * (in_base + in_base.transpose(0, 2, 1)))
         floored: FloatArray = np.maximum(values, _LEAST_SIGMA_M**2)
-        return (axes * floored[:, None, :]) @ axes.transpose(0, 2, 1)
+        covariances: FloatArray = (axes * floored[:, None, :]) @ axes.transpose(0, 2, 1)
+        return covariances
 
     def pose_covariance(self, index: int) -> FloatArray:
         """(3, 3) marginal covariance of a pose, (x, y, theta) in its own frame."""

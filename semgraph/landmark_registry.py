@@ -88,8 +88,9 @@ class LandmarkRegistry:
         ]
 
     def landmark_ids(self, tracker_ids: IntArray) -> IntArray:
-        """(n,) the landmark of each track (n,); -1 stays -1."""
+        """(n,) the landmark of each track (n,); -1 stays -1, and of what was dropped it is."""
         found = [self._by_tracker_id[k].landmark if k >= 0 else -1 for k in tracker_ids.tolist()]
+        found = [landmark if landmark in self.landmarks else -1 for landmark in found]
         return np.array(found, dtype=np.int64)
 
     def may_merge(self, closure: Closure) -> bool:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -236,8 +236,29 @@ def _unmapped(num_around: int) -> float:
     return _UNMAPPED * (1.0 + num_around) / (np.pi * _SURROUNDINGS_M**2)
 
 
+class Places(Protocol):
+    """Where landmarks are."""
+
+    @property
+    def map_t_landmarks(self) -> Mapping[int, FloatArray]:
+        """(2,) by landmark."""
+        ...
+
+
+class Solved(Protocol):
+    """A graph with an estimate, incremental or batch."""
+
+    def estimate(self) -> Places:
+        """Where everything is."""
+        ...
+
+    def landmark_covariance(self, landmarks: Sequence[int]) -> FloatArray:
+        """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
+        ...
+
+
 def duplicates(
-    graph: FactorGraph,
+    graph: Solved,
     landmarks: dict[int, GraphLandmark],
     changed: Set[int],
     least_log_odds: float,
@@ -277,7 +298,7 @@ def _with_rivals(
 
 
 def _suspects(
-    landmarks: dict[int, GraphLandmark], estimate: dict[int, FloatArray], changed: Set[int]
+    landmarks: dict[int, GraphLandmark], estimate: Mapping[int, FloatArray], changed: Set[int]
 ) -> Iterator[tuple[int, list[int]]]:
     """Each landmark with the earlier ones around that it may be; neighbours follow each other."""
     from scipy.spatial import KDTree

@@ -20,6 +20,7 @@ from semgraph.pacing import Pace
 from semgraph.perceiving import Perceiver
 from semgraph.progress import Report
 from semgraph.results import RunResult
+from semgraph.run_log import LogRecorder
 from semgraph.settings import Settings
 from semgraph.trace import Trace
 from semgraph.yaw_rates import YawRateLog
@@ -76,12 +77,15 @@ def run(
     fast = _Fast(FastEstimator(settings.fast, recording.map_T_start))
     tracker = FastEstimator(settings.tracker, recording.map_T_start)
     graph = graph or GraphInProcess(settings.smoother, recording.map_T_start)
+    recorder = LogRecorder(settings.smoother.start(recording.map_T_start))
     imu, ordered = YawRateLog(), InOrder(recording.measurements)
     for moment in moments(replace(recording, measurements=ordered), perceiver, imu, pace):
         seen, odom_T_base = moment.perceptions, moment.odom_T_base
         step = fast.step(moment)
         perceiver.moved(*fast.last_motion)
-        graph.add(tracker.step(seen, moment.odometry), seen, moment.views)
+        tracked = tracker.step(seen, moment.odometry)
+        graph.add(tracked, seen, moment.views)
+        recorder.add(tracked, seen, moment.views)
         if trace is not None:
             trace.add(moment.measurements, seen, odom_T_base, step, fast.navigation_map)
         report.done(len(fast))
@@ -111,6 +115,9 @@ def run(
         associations=smoothed.associations,
         decisions=smoothed.decisions,
         online=smoothed.online,
+        log=recorder.log(smoothed.trajectory, smoothed.associations)
+        if len(smoothed.trajectory)
+        else None,
     )
 
 

@@ -21,6 +21,7 @@ from semgraph.estimates import Trajectory
 from semgraph.json_files import STRICT, read_json
 from semgraph.landmarks import Gone, Landmark
 from semgraph.map_files import read_map_json, write_map_csv, write_map_json
+from semgraph.run_log import LOG_NPZ, RunLog, write_log
 from semgraph.smoothed import Online
 from semgraph.staging import staged_folder
 from semgraph.tables import read_text, write_text
@@ -67,6 +68,7 @@ class RunResult:
             run just made, no file keeps them.
         decisions: of landmarks, in order; also among the events.
         online: what was known of the graph in time; None of a run whose graph was not beside it.
+        log: what was measured; of a run just made, `run_log.read_log` reads it again.
 
     Raises:
         InputError: shapes disagree, or a value is out of its domain.
@@ -88,6 +90,7 @@ class RunResult:
     imu: YawRates = field(default_factory=YawRates)
     associations: Mapping[int, IntArray] = field(default_factory=dict)
     online: Online | None = None
+    log: RunLog | None = None
 
     def __post_init__(self) -> None:
         covariances = _frozen_covariances(self.smoothed_covariances, len(self.smoothed))
@@ -173,6 +176,8 @@ def write_files(result: RunResult, folder: Path) -> None:
     write_settings(folder, result.settings)
     write_decisions(folder / DECISIONS_CSV, result.decisions)
     write_text(folder / EVENTS_LOG, "".join(f"{event}\n" for event in result.events))
+    if result.log is not None:
+        write_log(folder / LOG_NPZ, result.log)
     if len(result.imu):
         write_yaw_rates(folder / IMU_CSV, result.imu)
     if result.online is not None:

@@ -47,11 +47,10 @@ class SmootherSettings(BaseModel):
     duplicate_odds: float = Field(10.0, gt=1.0)
     in_sight_scans: int = Field(10, ge=0)
 
-    @property
-    def start_covariance(self) -> FloatArray:
-        """(3, 3) of the start pose."""
-        sigmas = [self.start_sigma_m, self.start_sigma_m, self.start_sigma_rad]
-        return np.diag(sigmas) ** 2
+    def start(self, map_T_start: Pose2) -> UncertainPose2:
+        """Where the run starts, as surely as the settings say."""
+        sigmas = np.array([self.start_sigma_m, self.start_sigma_m, self.start_sigma_rad])
+        return UncertainPose2(map_T_start, np.diag(sigmas**2))
 
 
 # Fewer scans without a sighting are an interruption, not a loop.
@@ -67,7 +66,7 @@ class Smoother:
 
     def __init__(self, settings: SmootherSettings, map_T_start: Pose2) -> None:
         self._settings = settings
-        self._graph = FactorGraph(UncertainPose2(map_T_start, settings.start_covariance))
+        self._graph = FactorGraph(settings.start(map_T_start))
         self._keyframes = Keyframes()
         self._registry = LandmarkRegistry()
         self._moving: list[Track] = []
@@ -153,7 +152,10 @@ class Smoother:
         return self._keyframes.covariances(*self._graph.chain_covariances())
 
     def associations(self) -> dict[int, IntArray]:
-        """By stamp, the landmark that each perception was taken for in the end, -1 for none."""
+        """By stamp, the landmark that each perception was taken for in the end, -1 for none.
+
+        What was taken out since it moves is none.
+        """
         return {
             stamp_ns: self._registry.landmark_ids(ids)
             for stamp_ns, ids in zip(self._stamps_ns, self._tracker_ids, strict=True)

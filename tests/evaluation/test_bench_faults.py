@@ -88,13 +88,8 @@ def test_a_fault_that_lies_does_not_end_a_run(tiny: tuple[Source, RunResult], na
 
 def test_what_ends_a_run_is_told(tiny: tuple[Source, RunResult]) -> None:
     source, sound = tiny
-    nothing = ScanFault("no scan is left", lambda scan, _: [scan][:0])
-
-    def only_faults(scan: Perceptions, _: np.random.Generator) -> list[Perceptions]:
-        return nothing.make(scan, rng())
-
     bare = replace(source, recording=replace(source.recording, measurements=()))
-    struck = strike(bare, sound, ScanFault("no scan is left", only_faults), rng())
+    struck = strike(bare, sound, ScanFault("no scan is left", lambda scan, _: [scan]), rng())
     assert "expected scans or perceptions" in struck.lost
 
 

@@ -210,8 +210,10 @@ def test_a_folder_written_by_hand_runs(tmp_path: Path) -> None:
 
 
 def test_the_readmes_commands_exist() -> None:
-    commands = set(re.findall(r"semgraph (demo|run|evaluate|view|compare|bench|detect)\b", _text()))
-    assert {"demo", "run", "evaluate", "view", "bench", "detect"} <= commands
+    commands = set(
+        re.findall(r"semgraph (demo|run|evaluate|view|compare|bench|detect|refine)\b", _text())
+    )
+    assert {"demo", "run", "evaluate", "view", "bench", "detect", "refine"} <= commands
     assert "./check" in _text()
     assert (ROOT / "check").stat().st_mode & 0o111
     assert "./check" in (ROOT / ".ci" / "run").read_text()
