@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from semgraph.alignment import Alignment, Solve, align, fuse_with_prior
 from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.estimates import NoEstimate, NoEstimateReason
+from semgraph.finding import find_pose
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions
 from semgraph.matching import Assignment, LocalMap, Matches, SweepRule, local_map, match
@@ -18,6 +19,8 @@ from semgraph.motion_model import MotionNoise, constant_motion
 from semgraph.navigation_map import Averaging, NavigationMap
 
 _MOST_TURNS: Final = 200
+# With sigmas beyond so many search radii the radius says nothing.
+_LOST_RADII: Final = 2.0
 _KNOWN_START: Final = np.diag([1e-6**2, 1e-6**2, 1e-6**2])
 
 
@@ -96,7 +99,8 @@ class FastEstimator:
         """
         motion = self._propose(perceptions.stamp_ns, odometry)
         map_T_proposed = self._map_T_last @ motion
-        self._forget_if_lost(motion)
+        if self._is_lost(motion):
+            map_T_proposed = self._find_itself(perceptions, map_T_proposed)
         near, matches = self._find_correspondences(perceptions, map_T_proposed)
         estimate = self._estimate(perceptions, near, matches, map_T_proposed.covariance)
         map_T_base = UncertainPose2(
@@ -244,11 +248,25 @@ class FastEstimator:
             is_new[k] = not (neighbours == perceptions.kinds[k]).any()
         return is_new
 
-    def _forget_if_lost(self, motion: UncertainPose2) -> None:
-        """With a short memory nothing is matched that may be anywhere: that would be by chance."""
-        sigma_m = float(np.linalg.eigvalsh(motion.covariance[:2, :2])[-1]) ** 0.5
-        if np.isfinite(self._settings.memory_m) and sigma_m > 2.0 * self._settings.search_radius_m:
+    def _is_lost(self, motion: UncertainPose2) -> bool:
+        """Whether the motion is so unsure that what is within the radius is so by chance."""
+        sigma_m = float(np.sqrt(np.linalg.eigvalsh(motion.covariance[:2, :2])[-1]))
+        return not self._is_paper and sigma_m > _LOST_RADII * self._settings.search_radius_m
+
+    def _find_itself(
+        self, perceptions: Perceptions, map_T_proposed: UncertainPose2
+    ) -> UncertainPose2:
+        """Where all perceptions together stand in the map around, as far as that may be.
+
+        Elsewhere nothing can be matched: a map that only remembers forgets what it had, for what
+        it would match now it would match by chance.
+        """
+        placed = find_pose(self._map, perceptions, map_T_proposed, self._since_m)
+        if placed is not None:
+            return placed
+        if np.isfinite(self._settings.memory_m):
             self._driven_m += self._settings.memory_m
+        return map_T_proposed
 
     @property
     def _since_m(self) -> float:

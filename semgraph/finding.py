@@ -1,0 +1,66 @@
+"""Where perceptions stand in the map around, where the motion hardly says: by constellation."""
+
+from typing import Final
+
+import numpy as np
+
+from semgraph.constellation import Constellation, MapIndex
+from semgraph.geometry import UncertainPose2
+from semgraph.landmarks import Perceptions
+from semgraph.measurement_model import CHI2_3DOF_999
+from semgraph.navigation_map import NavigationMap
+
+# Most of what is perceived fits, and more probably than not: what follows from it is gated again.
+_LEAST_LOG_ODDS: Final = 0.0
+_LEAST_SHARE: Final = 0.5
+_LEAST_SEEN: Final = 4
+# Farther than this nobody looks, however unsure the motion is.
+_MAX_REACH_M: Final = 40.0
+# What the map around may be off in itself.
+_MAP_SIGMA_M: Final = 0.05
+
+
+def find_pose(
+    navigation_map: NavigationMap,
+    perceptions: Perceptions,
+    map_T_proposed: UncertainPose2,
+    since_m: float,
+) -> UncertainPose2 | None:
+    """map_T_base where all perceptions together fit the map; None where no place is sure enough.
+
+    Args:
+        navigation_map: what is known.
+        perceptions: relative to base.
+        map_T_proposed: by the motion model; the place lies within its 99.9 %.
+        since_m: only landmarks last sighted at this distance driven or later.
+    """
+    sigma_m = float(np.sqrt(np.linalg.eigvalsh(map_T_proposed.covariance[:2, :2])[-1]))
+    reach_m = min(CHI2_3DOF_999**0.5 * sigma_m, _MAX_REACH_M)
+    centre = map_T_proposed.pose.as_array()[:2]
+    in_sight_m = float(perceptions.ranges_m.max(initial=0.0))
+    ids = navigation_map.near(centre, in_sight_m + reach_m, since_m)
+    if min(len(ids), len(perceptions)) < _LEAST_SEEN:
+        return None
+    diameters_m, diameter_sigmas_m = navigation_map.diameters(ids)
+    mapped = Constellation(
+        navigation_map.positions(ids),
+        navigation_map.covariances(ids) + _MAP_SIGMA_M**2 * np.eye(2),
+        navigation_map.kinds(ids),
+        diameters_m,
+        diameter_sigmas_m,
+        np.array(navigation_map.identities(ids), dtype=np.str_),
+    )
+    seen = Constellation(
+        perceptions.base_t_landmarks(),
+        perceptions.base_covariances(),
+        perceptions.kinds,
+        perceptions.diameters_m,
+        perceptions.diameter_sigmas_m,
+        perceptions.identities,
+    )
+    for placement in MapIndex(mapped).place(seen, max_placements=1):
+        apart = map_T_proposed.pose.between(placement.map_T_local.pose)
+        fits = len(placement.rows) >= _LEAST_SHARE * len(perceptions)
+        if fits and placement.log_odds >= _LEAST_LOG_ODDS and np.hypot(apart.x, apart.y) <= reach_m:
+            return placement.map_T_local
+    return None
