@@ -67,9 +67,19 @@ def diameters_contradict(
 ) -> BoolArray:
     """Whether diameters (broadcast together) cannot be of one object; an unknown one (NaN) can."""
     with np.errstate(invalid="ignore"):
-        variances = (
-            (first_sigmas_m / first_m) ** 2
-            + (second_sigmas_m / second_m) ** 2
-            + _LOG_DIAMETER_SIGMA**2
-        )
+        variances = log_diameter_variances(first_m, first_sigmas_m, second_m, second_sigmas_m)
         return np.asarray(np.log(first_m / second_m) ** 2 > _DIAMETER_GATE * variances)
+
+
+def log_diameter_variances(
+    first_m: FloatArray | float,
+    first_sigmas_m: FloatArray | float,
+    second_m: FloatArray | float,
+    second_sigmas_m: FloatArray | float,
+) -> FloatArray:
+    """Variances of ln(first / second) of one object's diameters; NaN where one is unknown."""
+    return np.asarray(
+        (first_sigmas_m / first_m) ** 2
+        + (second_sigmas_m / second_m) ** 2
+        + _LOG_DIAMETER_SIGMA**2
+    )

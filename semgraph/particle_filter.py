@@ -1,0 +1,269 @@
+"""Finds and follows the robot in a known map by weighed hypotheses (paper section 3.2).
+
+The belief is a mixture: particles, and a rest, the mass that the robot is anywhere else in the map.
+The rest explains every scan as well as the mean of all places, so that the odds between the two are
+those of the likelihood. The robot may be carried off at any time, which moves mass to the rest. Once
+the rest outweighs the particles, seeds are drawn about the places that the scan itself proposes, and
+weighed by what of the rest they stand for (importance sampling).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.special import logsumexp
+
+from semgraph.arrays import FloatArray
+from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
+from semgraph.landmarks import Perceptions
+from semgraph.particles import (
+    Gaussian,
+    Particles,
+    compose,
+    kld_number,
+    num_bins,
+    systematic,
+    volume_of_bins,
+)
+from semgraph.pose_likelihood import LikelihoodSettings, PoseLikelihood, Seen
+from semgraph.pose_proposals import PoseProposals
+
+_SEEDS_EACH: Final = 40
+# Seeds and refined particles are drawn wider than what they stand for.
+_WIDER: Final = 1.3
+# Below this spread the cloud is one Gaussian.
+_COMPACT_M: Final = 0.5
+_COMPACT_RAD: Final = 0.1
+# What of a start within a radius is kept for the rest of the map.
+_START_ERRS: Final = 0.01
+_WITHIN_M: Final = 1.0
+# What fits by chance fits again from nearby: only after so far is a scan wholly new evidence that
+# the robot is here, or that it is not.
+_NEW_FOR_M: Final = 5.0
+_NEW_AGAINST_M: Final = 1.0
+_LEAST_AGAINST: Final = 0.1
+# Seeds are drawn as long as the rest is at least this.
+_SEEDED_ABOVE: Final = 0.05
+# Particles farther apart than twice this are too few to begin with; then seeds alone begin.
+_COARSEST_M: Final = 0.3
+
+
+class FilterSettings(BaseModel):
+    """Settings of the particle filter.
+
+    `carried_off` is the probability that the robot is carried off between two scans.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    least_particles: int = Field(400, ge=50, le=10_000)
+    most_particles: int = Field(50_000, ge=1_000, le=2_000_000)
+    carried_off: float = Field(1e-5, gt=0.0, lt=0.5)
+    likelihood: LikelihoodSettings = LikelihoodSettings()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """What the filter believes after a scan.
+
+    Attributes:
+        stamp_ns: of the scan.
+        map_T_base: the likeliest place, with the covariance of the particles there.
+        quality: the probability that the robot is within 1 m of it.
+        is_one: whether all particles are at one place.
+        num_particles: how many there are.
+    """
+
+    stamp_ns: int
+    map_T_base: UncertainPose2
+    quality: float
+    is_one: bool
+    num_particles: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Region:
+    """Where the rest is: mostly within a radius of a point, or all over the map."""
+
+    map_t_point: tuple[float, float] = (0.0, 0.0)
+    radius_m: float = np.inf
+
+    def log_densities(self, map_T_bases: FloatArray, area_m2: float) -> FloatArray:
+        """(n,) of poses (n, 3), by m2 and rad."""
+        everywhere = np.full(len(map_T_bases), 1.0 / area_m2)
+        if np.isfinite(self.radius_m):
+            offsets = map_T_bases[:, :2] - self.map_t_point
+            inside = np.hypot(offsets[:, 0], offsets[:, 1]) <= self.radius_m
+            within = inside / (np.pi * self.radius_m**2)
+            everywhere = _START_ERRS * everywhere + (1.0 - _START_ERRS) * within
+        return np.log(everywhere / (2.0 * np.pi))
+
+
+class ParticleFilter:
+    """The belief about one robot's pose in one map; it starts anywhere in it."""
+
+    def __init__(
+        self, likelihood: PoseLikelihood, settings: FilterSettings, rng: np.random.Generator
+    ) -> None:
+        self._likelihood = likelihood
+        self._proposals = PoseProposals(likelihood)
+        self._settings = settings
+        self._rng = rng
+        self.start_anywhere()
+
+    def start_anywhere(self) -> None:
+        """Nothing is known."""
+        low, high = self._likelihood.fixed_map.bounds()
+        n = self._settings.most_particles
+        points = self._rng.uniform(low, high, (n, 2))
+        self._spread(points, self._likelihood.fixed_map.area_m2, _Region())
+
+    def start_within(self, map_t_point: FloatArray, radius_m: float) -> None:
+        """The robot is within a radius of a point (2,), its heading unknown."""
+        n = self._settings.most_particles
+        angles = self._rng.uniform(-np.pi, np.pi, n)
+        out_m = radius_m * np.sqrt(self._rng.uniform(0.0, 1.0, n))
+        around = np.column_stack([np.cos(angles), np.sin(angles)]) * out_m[:, None]
+        x, y = map_t_point.tolist()
+        self._spread(map_t_point + around, np.pi * radius_m**2, _Region((x, y), radius_m))
+
+    def start_at(self, map_T_base: UncertainPose2, rest: float = 0.01) -> None:
+        """The pose is known with a covariance, but for a probability that it is not."""
+        gaussian = Gaussian.of_pose(map_T_base)
+        poses = gaussian.draw(self._settings.least_particles, self._rng)
+        self._particles = Particles.alike(poses)
+        self._rest = rest
+        self._region = _Region()
+        self._blur = (0.0, 0.0)
+        self._driven_m = self._unseeded_m = np.inf
+
+    def _spread(self, map_t_points: FloatArray, area_m2: float, region: _Region) -> None:
+        n = len(map_t_points)
+        headings = self._rng.uniform(-np.pi, np.pi, n)
+        self._particles = Particles.alike(np.column_stack([map_t_points, headings]))
+        self._region = region
+        self._blur = _blur(2.0 * np.pi * area_m2 / n)
+        self._rest = 0.5 if self._blur[0] <= _COARSEST_M else 1.0 - 1e-9
+        self._driven_m = self._unseeded_m = np.inf
+
+    def step(self, perceptions: Perceptions, motion: UncertainPose2) -> Belief:
+        """The belief after a motion last_T_current and what is perceived then."""
+        self._move(motion)
+        seen = self._likelihood.see(perceptions)
+        if len(seen):
+            self._weigh(seen)
+        return self.belief(perceptions.stamp_ns)
+
+    def belief(self, stamp_ns: int) -> Belief:
+        """As it stands."""
+        place, share = self._particles.likeliest(_WITHIN_M)
+        return Belief(
+            stamp_ns,
+            place.pose(),
+            (1.0 - self._rest) * share,
+            self._particles.gaussian().is_within(_COMPACT_M, _COMPACT_RAD),
+            len(self._particles),
+        )
+
+    def _move(self, motion: UncertainPose2) -> None:
+        noise = self._rng.multivariate_normal(
+            np.zeros(3), motion.covariance, len(self._particles), method="eigh"
+        )
+        moved = compose(np.broadcast_to(motion.pose.as_array(), noise.shape), noise)
+        self._particles = Particles(compose(self._particles.poses, moved), self._particles.weights)
+        self._rest += (1.0 - self._rest) * self._settings.carried_off
+        self._driven_m += float(np.hypot(motion.pose.x, motion.pose.y))
+
+    def _weigh(self, seen: Seen) -> None:
+        is_compact = self._particles.gaussian().is_within(_COMPACT_M, _COMPACT_RAD)
+        if is_compact:
+            poses, log_weights = self._refined(seen)
+        else:
+            poses = self._particles.poses
+            blurred = seen.blurred(*self._blur)
+            with np.errstate(divide="ignore"):
+                log_weights = np.log(self._particles.weights)
+            log_weights = log_weights + self._likelihood.log_likelihoods(blurred, poses)
+        log_weights += np.log1p(-self._rest) + self._discount(float(logsumexp(log_weights)))
+        log_rest = float(np.log(self._rest))
+        if log_rest > logsumexp(log_weights) + np.log(_SEEDED_ABOVE):
+            seeds, log_seed_weights = self._seeds(seen)
+            poses = np.concatenate([poses, seeds])
+            log_weights = np.concatenate([log_weights, log_rest + log_seed_weights])
+        total = float(logsumexp(np.append(log_weights, log_rest)))
+        mass = float(logsumexp(log_weights))
+        self._rest = float(np.exp(log_rest - total))
+        self._particles = Particles(poses, np.exp(log_weights - mass))
+        if not is_compact or len(poses) > self._settings.least_particles:
+            self._resample(seen)
+
+    def _discount(self, evidence: float) -> float:
+        """What is to be added to the log odds that the robot is where the particles are.
+
+        They already have the scan's log `evidence`, of which only a part is new.
+        """
+        far_m = _NEW_FOR_M if evidence > 0.0 else _NEW_AGAINST_M
+        least = 0.0 if evidence > 0.0 else _LEAST_AGAINST
+        new = float(np.clip(self._driven_m / far_m, least, 1.0))
+        self._unseeded_m += self._driven_m
+        self._driven_m = 0.0
+        return (new - 1.0) * evidence
+
+    def _refined(self, seen: Seen) -> tuple[FloatArray, FloatArray]:
+        """Particles where prior and scan agree, half of them where the prior alone has them.
+
+        Their log weights say by how much posterior exceeds what they were drawn from. Particles of
+        the prior alone would nearly all be wasted where the scan is much sharper.
+        """
+        n = self._settings.least_particles
+        prior = self._particles.gaussian()
+        fused = Gaussian.of_pose(self._proposals.refine(seen, prior.pose())).wider(_WIDER)
+        poses = np.concatenate(
+            [prior.draw(n // 2, self._rng), fused.draw(n - n // 2, self._rng)]
+        )
+        log_prior, log_fused = prior.log_densities(poses), fused.log_densities(poses)
+        log_drawn = np.logaddexp(log_prior, log_fused) - np.log(2.0)
+        log_likelihoods = self._likelihood.log_likelihoods(seen, poses)
+        return poses, log_prior - log_drawn + log_likelihoods - np.log(n)
+
+    def _seeds(self, seen: Seen) -> tuple[FloatArray, FloatArray]:
+        """Particles about places that the scan proposes, and log weights against all the rest."""
+        area_m2 = self._likelihood.fixed_map.area_m2
+        with np.errstate(divide="ignore"):
+            log_new = float(np.log(min(self._unseeded_m / _NEW_FOR_M, 1.0)))
+        self._unseeded_m = 0.0
+        poses, log_weights = [np.zeros((0, 3))], [np.zeros(0)]
+        for proposed in self._proposals.propose(seen):
+            place = Gaussian.of_pose(proposed).wider(_WIDER)
+            drawn = place.draw(_SEEDS_EACH, self._rng)
+            stands_for = self._region.log_densities(drawn, area_m2) - place.log_densities(drawn)
+            poses.append(drawn)
+            log_likelihoods = self._likelihood.log_likelihoods(seen, drawn)
+            log_weights.append(log_new + stands_for + log_likelihoods - np.log(len(drawn)))
+        return np.concatenate(poses), np.concatenate(log_weights)
+
+    def _resample(self, seen: Seen) -> None:
+        """As many as the places that are left need, if too few carry the weight."""
+        settings, particles = self._settings, self._particles
+        if particles.effective > 0.5 * len(particles) and len(particles) <= settings.most_particles:
+            return
+        bins = num_bins(particles.poses[systematic(particles.weights, len(particles), self._rng)])
+        n = int(np.clip(kld_number(bins), settings.least_particles, settings.most_particles))
+        poses = particles.poses[systematic(particles.weights, n, self._rng)]
+        is_compact = Particles.alike(poses).gaussian().is_within(_COMPACT_M, _COMPACT_RAD)
+        self._blur = (0.0, 0.0) if is_compact else _blur(volume_of_bins(bins) / n)
+        noise = self._rng.standard_normal((n, 3)) * (self._blur[0], self._blur[0], self._blur[1])
+        poses = poses + noise
+        poses[:, 2] = wrap_angle(poses[:, 2])
+        self._particles = Particles.alike(poses)
+
+
+# At what distance a turn matters as much as a move.
+_LEVER_M: Final = 8.0
+
+
+def _blur(volume: float) -> tuple[float, float]:
+    """(m, rad) half the distance between particles of which each has a volume in m2 rad."""
+    apart_m = (volume * _LEVER_M) ** (1.0 / 3.0)
+    return 0.5 * apart_m, 0.5 * apart_m / _LEVER_M

@@ -1,0 +1,227 @@
+"""How well poses explain what is perceived, in a fixed map, against being anywhere else in it."""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.spatial import KDTree
+
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.fixed_map import FixedMap
+from semgraph.geometry import rotation, wrap_angle
+from semgraph.landmarks import Perceptions
+from semgraph.likelihood_field import LikelihoodField
+from semgraph.measurement_model import CHI2_2DOF_999, log_diameter_variances
+
+# Of so many landmarks it is told how usual a diameter is.
+_SAMPLE: Final = 500
+# A diameter may be wrong altogether, by another thing before the trunk.
+_WRONG_DIAMETER: Final = 0.05
+# A diameter that no tree of the map has.
+_LEAST_USUAL: Final = 1e-3
+# More poses times candidates than this are looked up in the field, and poses that turn more.
+_MOST_EXACT: Final = 400_000
+_MOST_TURNED: Final = 0.3
+
+
+class LikelihoodSettings(BaseModel):
+    """What is known of map and detectors.
+
+    `clutter` is the probability that a perception is of nothing in the map: a false one, or one of
+    a thing that the map lacks. `map_sigma_m` is how far a landmark may be off, on top of what its
+    own covariance says.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    clutter: float = Field(0.2, gt=0.0, lt=1.0)
+    map_sigma_m: float = Field(0.05, ge=0.0, le=10.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """Perceptions prepared for the map.
+
+    Attributes:
+        base_t: (k, 2) m.
+        kinds: (k,).
+        covariances: (k, 2, 2) m2, in base, the map's own sigma included.
+        log_clutter: (k,) log of the probability that it is of nothing in the map.
+        log_weights: (k, m) log of how much more a landmark may be it than any place in the map,
+            1/m2 still to come; -inf where it cannot.
+    """
+
+    base_t: FloatArray
+    kinds: IntArray
+    covariances: FloatArray
+    log_clutter: FloatArray
+    log_weights: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.base_t)
+
+    @property
+    def variances(self) -> FloatArray:
+        """(k,) m2 per axis, the mean of all directions."""
+        return 0.5 * np.trace(self.covariances, axis1=1, axis2=2)
+
+    def blurred(self, sigma_m: float, sigma_rad: float) -> "Seen":
+        """As seen from a pose that is known no better than this."""
+        far2 = np.square(self.base_t).sum(axis=1)
+        more = sigma_m**2 + far2 * sigma_rad**2
+        return replace(self, covariances=self.covariances + more[:, None, None] * np.eye(2))
+
+
+class PoseLikelihood:
+    """log L(x) = sum over perceptions of log(clutter + detected * sum_j N(e_j) q_j / mean(q) rho).
+
+    e_j is where a landmark is perceived minus where it is, q_j how well diameters agree, rho the
+    density of landmarks of its kind. Averaged over all poses of the map L is 1: L is the odds
+    against being anywhere in the map. What is not perceived says nothing, for without the scan
+    nobody knows what was hidden.
+
+    Source: Thrun, Burgard and Fox 2005, sections 6.4 and 6.6. Differs: the noise beside the
+    landmarks is a clutter density, as in multi-target tracking, and the sum over landmarks is kept.
+    """
+
+    def __init__(self, fixed_map: FixedMap, settings: LikelihoodSettings) -> None:
+        self._map = fixed_map
+        self._settings = settings
+        self._tree = KDTree(fixed_map.map_t_landmarks)
+        self._field: LikelihoodField | None = None
+        self._largest_variance = float(np.trace(fixed_map.covariances, axis1=1, axis2=2).max())
+        self._of_kind = {
+            kind: np.flatnonzero(fixed_map.kinds == kind) for kind in set(fixed_map.kinds.tolist())
+        }
+
+    @property
+    def fixed_map(self) -> FixedMap:
+        """The map."""
+        return self._map
+
+    def see(self, perceptions: Perceptions) -> Seen:
+        """Perceptions prepared for many poses."""
+        clutter = 1.0 - (1.0 - self._settings.clutter) * perceptions.reliabilities
+        return Seen(
+            perceptions.base_t_landmarks(),
+            perceptions.kinds,
+            perceptions.base_covariances() + self._settings.map_sigma_m**2 * np.eye(2),
+            np.log(clutter),
+            np.log(np.maximum(1.0 - clutter, 1e-6))[:, None] + self._log_weights(perceptions),
+        )
+
+    def log_likelihoods(self, seen: Seen, map_T_bases: FloatArray) -> FloatArray:
+        """(n,) log L of poses (n, 3).
+
+        Exact where they are all near each other and few; else by the field.
+        """
+        if not len(seen) or not len(map_T_bases):
+            return np.zeros(len(map_T_bases))
+        middle = _middle(map_T_bases)
+        spread = map_T_bases - middle
+        turned = float(np.abs(wrap_angle(spread[:, 2])).max())
+        moved = float(np.hypot(spread[:, 0], spread[:, 1]).max())
+        if turned <= _MOST_TURNED:
+            columns = self.candidates(seen, middle, moved, turned)
+            if columns.size * len(map_T_bases) <= _MOST_EXACT:
+                return self._exact(seen, map_T_bases, columns, float(middle[2]))
+        if self._field is None:
+            self._field = LikelihoodField(self._map)
+        return self._field.log_likelihoods(seen, map_T_bases)
+
+    def candidates(
+        self, seen: Seen, map_T_base: FloatArray, moved_m: float, turned: float
+    ) -> IntArray:
+        """(k, c) landmarks that each perception may be from poses so far about (3,); -1: no more."""
+        map_t = base_to_map(map_T_base[None], seen.base_t)[0]
+        far = np.hypot(seen.base_t[:, 0], seen.base_t[:, 1])
+        sigmas = np.sqrt(np.trace(seen.covariances, axis1=1, axis2=2) + self._largest_variance)
+        radii = moved_m + far * turned + np.sqrt(CHI2_2DOF_999) * sigmas
+        lists = self._tree.query_ball_point(map_t, radii)
+        columns = np.full((len(seen), max(map(len, lists), default=0)), -1, dtype=np.int64)
+        for row, found in enumerate(lists):
+            columns[row, : len(found)] = found
+        return columns
+
+    def pair_log_likelihoods(
+        self, seen: Seen, map_T_bases: FloatArray, columns: IntArray, heading: float
+    ) -> FloatArray:
+        """(n, k, c) log of each candidate's share in L, -inf where there is none.
+
+        Covariances are turned by `heading` for all poses.
+        """
+        rows = np.arange(len(seen))[:, None]
+        R = rotation(heading)
+        S = (R @ seen.covariances @ R.T)[:, None] + self._map.covariances[columns]
+        a, b, d = S[..., 0, 0], S[..., 0, 1], S[..., 1, 1]
+        determinant = a * d - b * b
+        map_t = base_to_map(map_T_bases, seen.base_t)[:, :, None]
+        x, y = np.moveaxis(map_t - self._map.map_t_landmarks[columns], -1, 0)
+        distances2 = (d * x * x - 2.0 * b * x * y + a * y * y) / determinant
+        peaks = np.where(columns >= 0, seen.log_weights[rows, columns], -np.inf)
+        peaks = peaks - np.log(2.0 * np.pi * np.sqrt(determinant))
+        logs: FloatArray = peaks - 0.5 * distances2
+        return logs
+
+    def _exact(
+        self, seen: Seen, map_T_bases: FloatArray, columns: IntArray, heading: float
+    ) -> FloatArray:
+        logs = self.pair_log_likelihoods(seen, map_T_bases, columns, heading)
+        sums = np.exp(logs).sum(axis=2) + np.exp(seen.log_clutter)
+        total: FloatArray = np.log(sums).sum(axis=1)
+        return total
+
+    def _log_weights(self, perceptions: Perceptions) -> FloatArray:
+        weights = np.full((len(perceptions), len(self._map)), -np.inf)
+        for kind, columns in self._of_kind.items():
+            rows = np.flatnonzero(perceptions.kinds == kind)
+            if len(rows):
+                weights[np.ix_(rows, columns)] = self._log_ratios(perceptions.select(rows), columns)
+        named = np.flatnonzero(perceptions.identities != "")
+        if len(named):
+            same = perceptions.identities[named, None] == self._map.identities[None]
+            is_it = same & np.isfinite(weights[named])
+            weights[named] = np.where(is_it, np.log(self._map.area_m2), -np.inf)
+        return weights
+
+    def _log_ratios(self, perceptions: Perceptions, columns: IntArray) -> FloatArray:
+        """(k, c) of perceptions and landmarks of one kind: agreement of diameters by density."""
+        agreements = self._agreements(perceptions, columns)
+        sample = agreements[:, :: max(1, len(columns) // _SAMPLE)]
+        is_known = ~np.isnan(sample)
+        usual = np.where(is_known, sample, 0.0).sum(axis=1) / np.maximum(is_known.sum(axis=1), 1)
+        ratios = agreements / np.maximum(usual, _LEAST_USUAL)[:, None]
+        ratios = (1.0 - _WRONG_DIAMETER) * ratios + _WRONG_DIAMETER
+        density = len(columns) / self._map.area_m2
+        return np.log(np.where(np.isnan(ratios), 1.0, ratios) / density)
+
+    def _agreements(self, perceptions: Perceptions, columns: IntArray) -> FloatArray:
+        """(k, c) densities of ln(diameter); NaN where one is unknown."""
+        first, second = perceptions.diameters_m[:, None], self._map.diameters_m[None, columns]
+        variances = log_diameter_variances(
+            first,
+            perceptions.diameter_sigmas_m[:, None],
+            second,
+            self._map.diameter_sigmas_m[None, columns],
+        )
+        densities: FloatArray = np.exp(-0.5 * np.log(first / second) ** 2 / variances) / np.sqrt(
+            2.0 * np.pi * variances
+        )
+        return densities
+
+
+def base_to_map(map_T_bases: FloatArray, base_t: FloatArray) -> FloatArray:
+    """(n, k, 2) of poses (n, 3) and points (k, 2), each from each pose."""
+    c, s = np.cos(map_T_bases[:, 2, None]), np.sin(map_T_bases[:, 2, None])
+    x, y = base_t[:, 0], base_t[:, 1]
+    return np.stack(
+        [map_T_bases[:, 0, None] + c * x - s * y, map_T_bases[:, 1, None] + s * x + c * y], axis=-1
+    )
+
+
+def _middle(map_T_bases: FloatArray) -> FloatArray:
+    """(3,) the mean position and heading of poses (n, 3)."""
+    x, y = map_T_bases[:, :2].mean(axis=0)
+    theta = np.arctan2(np.sin(map_T_bases[:, 2]).mean(), np.cos(map_T_bases[:, 2]).mean())
+    return np.array([x, y, theta])

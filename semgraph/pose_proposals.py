@@ -1,0 +1,156 @@
+"""Where in a fixed map the robot may be, by what it sees now alone: seeds for particles."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from semgraph.alignment import fuse_with_prior
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.geometry import Pose2, UncertainPose2, rotation, wrap_angle
+from semgraph.measurement_model import CHI2_2DOF_99
+from semgraph.pose_likelihood import PoseLikelihood, Seen
+
+# Shorter pairs say little of the heading, longer ones are too many.
+_LENGTHS_M: Final = (1.5, 15.0)
+_MOST_PAIRS_SEEN: Final = 16
+_MOST_PER_PAIR: Final = 20_000
+_MOST_PROPOSED: Final = 30
+# Proposals nearer than this are one.
+_SAME_M: Final = 0.5
+_SAME_RAD: Final = 0.1
+# Before the landmarks are matched anew, a proposed pose may be off by so much.
+_LOOSE: Final = np.diag([1.0, 1.0, 0.1]) ** 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pairs:
+    """Ordered pairs of landmarks of the map (p,), by length."""
+
+    firsts: IntArray
+    seconds: IntArray
+    lengths_m: FloatArray
+
+
+class PoseProposals:
+    """Poses that two perceptions have in common with two landmarks, best first."""
+
+    def __init__(self, likelihood: PoseLikelihood) -> None:
+        self._likelihood = likelihood
+        self._pairs = _pairs(likelihood.fixed_map.map_t_landmarks)
+
+    def propose(self, seen: Seen) -> list[UncertainPose2]:
+        """At most 30 places apart from each other that explain best what is seen, refined."""
+        poses = self._candidates(seen)
+        if not len(poses):
+            return []
+        sigma_m = float(np.sqrt(seen.variances.mean()))
+        blurred = seen.blurred(sigma_m, sigma_m / _LENGTHS_M[1])
+        scores = self._likelihood.log_likelihoods(blurred, poses)
+        best = poses[np.argsort(-scores, kind="stable")[: 10 * _MOST_PROPOSED]]
+        refined = [self.refine(seen, UncertainPose2(Pose2.from_array(pose), _LOOSE)) for pose in
+                   best[_apart(best)][:_MOST_PROPOSED]]
+        means = np.array([each.pose.as_array() for each in refined])
+        return [refined[row] for row in _apart(means)]
+
+    def refine(self, seen: Seen, prior: UncertainPose2) -> UncertainPose2:
+        """The pose that a prior and the landmarks that fit it best agree on."""
+        pose = prior.pose
+        loose = np.sqrt(np.diag(prior.covariance))
+        sigmas = (float(loose[:2].max()), float(loose[2]))
+        refined = prior
+        for sigma_m, sigma_rad in (sigmas, (0.0, 0.0)):
+            rows, columns = self._matches(seen.blurred(sigma_m, sigma_rad), pose)
+            mapped = self._likelihood.fixed_map
+            base_R_map = rotation(-pose.theta)
+            covariances = seen.covariances[rows] + (
+                base_R_map @ mapped.covariances[columns] @ base_R_map.T
+            )
+            refined = fuse_with_prior(
+                pose, prior, seen.base_t[rows], mapped.map_t_landmarks[columns], covariances
+            )
+            pose = refined.pose
+        return refined
+
+    def _matches(self, seen: Seen, pose: Pose2) -> tuple[IntArray, IntArray]:
+        """The likeliest landmark of each perception that is rather one than clutter."""
+        at = pose.as_array()
+        columns = self._likelihood.candidates(seen, at, 0.0, 0.0)
+        if columns.size == 0:
+            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        logs = self._likelihood.pair_log_likelihoods(seen, at[None], columns, pose.theta)[0]
+        best = logs.argmax(axis=1)
+        rows = np.flatnonzero(logs.max(axis=1) > seen.log_clutter)
+        return rows, columns[rows, best[rows]]
+
+    def _candidates(self, seen: Seen) -> FloatArray:
+        """(n, 3) poses that lay two perceptions onto two landmarks that they may be."""
+        found = [self._of_pair(seen, first, second) for first, second in _pairs_seen(seen)]
+        return np.concatenate([np.zeros((0, 3)), *found])
+
+    def _of_pair(self, seen: Seen, first: int, second: int) -> FloatArray:
+        between = seen.base_t[second] - seen.base_t[first]
+        length_m = float(np.hypot(*between))
+        tolerance_m = float(np.sqrt(CHI2_2DOF_99 * seen.variances[[first, second]].sum()))
+        low, high = np.searchsorted(
+            self._pairs.lengths_m, [length_m - tolerance_m, length_m + tolerance_m]
+        )
+        i, j = self._pairs.firsts[low:high], self._pairs.seconds[low:high]
+        odds = seen.log_weights[first, i] + seen.log_weights[second, j]
+        kept = np.flatnonzero(np.isfinite(odds))
+        kept = kept[np.argsort(-odds[kept], kind="stable")[:_MOST_PER_PAIR]]
+        landmarks = self._likelihood.fixed_map.map_t_landmarks
+        one, other = landmarks[i[kept]], landmarks[j[kept]]
+        along = other - one
+        theta = np.arctan2(along[:, 1], along[:, 0]) - np.arctan2(between[1], between[0])
+        base_t_middle = 0.5 * (seen.base_t[first] + seen.base_t[second])
+        c, s = np.cos(theta), np.sin(theta)
+        turned = np.column_stack(
+            [
+                c * base_t_middle[0] - s * base_t_middle[1],
+                s * base_t_middle[0] + c * base_t_middle[1],
+            ]
+        )
+        return np.column_stack([0.5 * (one + other) - turned, wrap_angle(theta)])
+
+
+def _pairs(map_t_landmarks: FloatArray) -> _Pairs:
+    pairs = KDTree(map_t_landmarks).query_pairs(_LENGTHS_M[1], output_type="ndarray")
+    lengths_m = np.hypot(*(map_t_landmarks[pairs[:, 0]] - map_t_landmarks[pairs[:, 1]]).T)
+    order = np.argsort(lengths_m, kind="stable")
+    order = order[lengths_m[order] >= _LENGTHS_M[0]]
+    both = np.repeat(pairs[order], 2, axis=0)
+    both[1::2] = both[1::2, ::-1]
+    return _Pairs(
+        both[:, 0].astype(np.int64), both[:, 1].astype(np.int64), np.repeat(lengths_m[order], 2)
+    )
+
+
+def _pairs_seen(seen: Seen) -> list[tuple[int, int]]:
+    """The longest pairs of perceptions that the map's pairs reach, each perception in few."""
+    first, second = np.triu_indices(len(seen), 1)
+    lengths_m = np.hypot(*(seen.base_t[first] - seen.base_t[second]).T)
+    useful = np.flatnonzero((lengths_m >= _LENGTHS_M[0]) & (lengths_m <= 0.95 * _LENGTHS_M[1]))
+    chosen: list[tuple[int, int]] = []
+    uses = np.zeros(len(seen), dtype=np.int64)
+    most = max(3, 2 * _MOST_PAIRS_SEEN // max(len(seen), 1) + 1)
+    for row in useful[np.argsort(-lengths_m[useful], kind="stable")]:
+        a, b = int(first[row]), int(second[row])
+        if uses[a] < most and uses[b] < most:
+            chosen.append((a, b))
+            uses[[a, b]] += 1
+        if len(chosen) == _MOST_PAIRS_SEEN:
+            break
+    return chosen
+
+
+def _apart(map_T_bases: FloatArray) -> IntArray:
+    """Rows, in order, of poses (n, 3) that are not the same as an earlier one."""
+    kept: list[int] = []
+    for row, pose in enumerate(map_T_bases):
+        offsets = map_T_bases[kept] - pose
+        near = np.hypot(offsets[:, 0], offsets[:, 1]) < _SAME_M
+        if not (near & (np.abs(wrap_angle(offsets[:, 2])) < _SAME_RAD)).any():
+            kept.append(row)
+    return np.array(kept, dtype=np.int64)
