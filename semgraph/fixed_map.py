@@ -2,17 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semgraph.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
 from semgraph.errors import InputError
-from semgraph.landmarks import Kind, Landmark, semantic_object
+from semgraph.landmarks import Kind, Landmark, Perceptions, semantic_object
+from semgraph.navigation_map import NavigationMap
 
 # How far the robot may be from the box about all landmarks.
-_AROUND_M = 5.0
+_AROUND_M: Final = 5.0
+# Surveyed landmarks are not surer than this.
+_LEAST_VARIANCE: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,14 +44,13 @@ class FixedMap:
         m = len(self.map_t_landmarks)
         if m == 0:
             raise InputError("map: expected at least one landmark, there is none")
-        unknown = {"finite": False}
         checked = {
             "map_t_landmarks": frozen_floats("map positions", self.map_t_landmarks, (m, 2)),
             "covariances": frozen_floats("map covariances", self.covariances, (m, 2, 2)),
             "kinds": frozen_ints("map kinds", self.kinds, (m,)),
-            "diameters_m": frozen_floats("map diameters", self.diameters_m, (m,), **unknown),
+            "diameters_m": frozen_floats("map diameters", self.diameters_m, (m,), finite=False),
             "diameter_sigmas_m": frozen_floats(
-                "map diameter sigmas", self.diameter_sigmas_m, (m,), **unknown
+                "map diameter sigmas", self.diameter_sigmas_m, (m,), finite=False
             ),
         }
         for name, value in checked.items():
@@ -92,6 +94,23 @@ class FixedMap:
             )
             for row in range(len(self))
         )
+
+    def navigation_map(self) -> NavigationMap:
+        """The same as a map to match with, numbered by row."""
+        m = len(self)
+        as_seen = Perceptions.from_arrays(
+            0,
+            self.kinds,
+            np.ones(m),
+            np.zeros(m),
+            np.tile(np.eye(2), (m, 1, 1)),
+            diameters_m=self.diameters_m,
+            diameter_sigmas_m=self.diameter_sigmas_m,
+            identities=self.identities,
+        )
+        made = NavigationMap()
+        made.insert(as_seen, self.map_t_landmarks, self.covariances + _LEAST_VARIANCE * np.eye(2))
+        return made
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """(2,) lower and upper corner of the box where the robot may be."""

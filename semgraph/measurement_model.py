@@ -79,7 +79,5 @@ def log_diameter_variances(
 ) -> FloatArray:
     """Variances of ln(first / second) of one object's diameters; NaN where one is unknown."""
     return np.asarray(
-        (first_sigmas_m / first_m) ** 2
-        + (second_sigmas_m / second_m) ** 2
-        + _LOG_DIAMETER_SIGMA**2
+        (first_sigmas_m / first_m) ** 2 + (second_sigmas_m / second_m) ** 2 + _LOG_DIAMETER_SIGMA**2
     )

@@ -28,6 +28,7 @@ from semgraph.particles import (
 )
 from semgraph.pose_likelihood import LikelihoodSettings, PoseLikelihood, Seen
 from semgraph.pose_proposals import PoseProposals
+from semgraph.pose_quality import NEW_AFTER_M, Elsewhere
 
 _SEEDS_EACH: Final = 40
 # Seeds and refined particles are drawn wider than what they stand for.
@@ -35,14 +36,17 @@ _WIDER: Final = 1.3
 # Below this spread the cloud is one Gaussian.
 _COMPACT_M: Final = 0.5
 _COMPACT_RAD: Final = 0.1
-# What of a start within a radius is kept for the rest of the map.
+# How surely a start is right, within a radius or at a pose.
+_START_IS_RIGHT: Final = 0.99
 _START_ERRS: Final = 0.01
+# Where the robot is if it is no longer where it was: as probably near as anywhere.
+_NEAR_M: Final = 10.0
+_IS_NEAR: Final = 0.5
+# A motion less sure than this leaves no track.
+_UNTRACKED_M: Final = 1.0
+# Seeds of less weight than this are not worth their time.
+_LEAST_SHARE: Final = 1e-6
 _WITHIN_M: Final = 1.0
-# What fits by chance fits again from nearby: only after so far is a scan wholly new evidence that
-# the robot is here, or that it is not.
-_NEW_FOR_M: Final = 5.0
-_NEW_AGAINST_M: Final = 1.0
-_LEAST_AGAINST: Final = 0.1
 # Seeds are drawn as long as the rest is at least this.
 _SEEDED_ABOVE: Final = 0.05
 # Particles farther apart than twice this are too few to begin with; then seeds alone begin.
@@ -84,20 +88,19 @@ class Belief:
 
 @dataclass(frozen=True, slots=True)
 class _Region:
-    """Where the rest is: mostly within a radius of a point, or all over the map."""
+    """Where the rest is: within a radius of a point by a share, else all over the map."""
 
     map_t_point: tuple[float, float] = (0.0, 0.0)
-    radius_m: float = np.inf
+    radius_m: float = 1.0
+    share: float = 0.0
 
     def log_densities(self, map_T_bases: FloatArray, area_m2: float) -> FloatArray:
         """(n,) of poses (n, 3), by m2 and rad."""
-        everywhere = np.full(len(map_T_bases), 1.0 / area_m2)
-        if np.isfinite(self.radius_m):
-            offsets = map_T_bases[:, :2] - self.map_t_point
-            inside = np.hypot(offsets[:, 0], offsets[:, 1]) <= self.radius_m
-            within = inside / (np.pi * self.radius_m**2)
-            everywhere = _START_ERRS * everywhere + (1.0 - _START_ERRS) * within
-        return np.log(everywhere / (2.0 * np.pi))
+        offsets = map_T_bases[:, :2] - self.map_t_point
+        is_inside = np.hypot(offsets[:, 0], offsets[:, 1]) <= self.radius_m
+        within = self.share * is_inside / (np.pi * self.radius_m**2)
+        densities: FloatArray = np.log((within + (1.0 - self.share) / area_m2) / (2.0 * np.pi))
+        return densities
 
 
 class ParticleFilter:
@@ -126,17 +129,23 @@ class ParticleFilter:
         out_m = radius_m * np.sqrt(self._rng.uniform(0.0, 1.0, n))
         around = np.column_stack([np.cos(angles), np.sin(angles)]) * out_m[:, None]
         x, y = map_t_point.tolist()
-        self._spread(map_t_point + around, np.pi * radius_m**2, _Region((x, y), radius_m))
+        region = _Region((x, y), radius_m, _START_IS_RIGHT)
+        self._spread(map_t_point + around, np.pi * radius_m**2, region)
 
-    def start_at(self, map_T_base: UncertainPose2, rest: float = 0.01) -> None:
-        """The pose is known with a covariance, but for a probability that it is not."""
+    @property
+    def elsewhere(self) -> Elsewhere:
+        """The probability that the robot is where no particle is."""
+        return self._elsewhere
+
+    def start_at(self, map_T_base: UncertainPose2, doubt: Elsewhere | None = None) -> None:
+        """The pose is known with a covariance, but for a doubt: then it is near, or anywhere."""
         gaussian = Gaussian.of_pose(map_T_base)
         poses = gaussian.draw(self._settings.least_particles, self._rng)
         self._particles = Particles.alike(poses)
-        self._rest = rest
-        self._region = _Region()
+        self._elsewhere = doubt or Elsewhere(_START_ERRS, self._settings.carried_off)
+        self._region = _Region((map_T_base.pose.x, map_T_base.pose.y), _NEAR_M, _IS_NEAR)
         self._blur = (0.0, 0.0)
-        self._driven_m = self._unseeded_m = np.inf
+        self._unseeded_m = np.inf
 
     def _spread(self, map_t_points: FloatArray, area_m2: float, region: _Region) -> None:
         n = len(map_t_points)
@@ -144,8 +153,9 @@ class ParticleFilter:
         self._particles = Particles.alike(np.column_stack([map_t_points, headings]))
         self._region = region
         self._blur = _blur(2.0 * np.pi * area_m2 / n)
-        self._rest = 0.5 if self._blur[0] <= _COARSEST_M else 1.0 - 1e-9
-        self._driven_m = self._unseeded_m = np.inf
+        rest = 0.5 if self._blur[0] <= _COARSEST_M else 1.0 - 1e-9
+        self._elsewhere = Elsewhere(rest, self._settings.carried_off)
+        self._unseeded_m = np.inf
 
     def step(self, perceptions: Perceptions, motion: UncertainPose2) -> Belief:
         """The belief after a motion last_T_current and what is perceived then."""
@@ -161,7 +171,7 @@ class ParticleFilter:
         return Belief(
             stamp_ns,
             place.pose(),
-            (1.0 - self._rest) * share,
+            (1.0 - self._elsewhere.probability) * share,
             self._particles.gaussian().is_within(_COMPACT_M, _COMPACT_RAD),
             len(self._particles),
         )
@@ -172,8 +182,20 @@ class ParticleFilter:
         )
         moved = compose(np.broadcast_to(motion.pose.as_array(), noise.shape), noise)
         self._particles = Particles(compose(self._particles.poses, moved), self._particles.weights)
-        self._rest += (1.0 - self._rest) * self._settings.carried_off
-        self._driven_m += float(np.hypot(motion.pose.x, motion.pose.y))
+        self._elsewhere.move(motion.pose)
+        self._unseeded_m += float(np.hypot(motion.pose.x, motion.pose.y))
+        sigma_m = float(np.sqrt(np.linalg.eigvalsh(motion.covariance[:2, :2])[-1]))
+        if sigma_m > _UNTRACKED_M:
+            self._lose_track(3.0 * sigma_m)
+
+    def _lose_track(self, radius_m: float) -> None:
+        """Too few particles for where the robot may have got to: seeds take over."""
+        place, _ = self._particles.likeliest(_WITHIN_M)
+        x, y = place.mean[:2].tolist()
+        here = 1.0 - self._elsewhere.probability
+        self._region = _Region((x, y), radius_m, min(here, _START_IS_RIGHT))
+        self._elsewhere = Elsewhere(1.0 - 1e-9, self._settings.carried_off)
+        self._unseeded_m = np.inf
 
     def _weigh(self, seen: Seen) -> None:
         is_compact = self._particles.gaussian().is_within(_COMPACT_M, _COMPACT_RAD)
@@ -185,30 +207,15 @@ class ParticleFilter:
             with np.errstate(divide="ignore"):
                 log_weights = np.log(self._particles.weights)
             log_weights = log_weights + self._likelihood.log_likelihoods(blurred, poses)
-        log_weights += np.log1p(-self._rest) + self._discount(float(logsumexp(log_weights)))
-        log_rest = float(np.log(self._rest))
-        if log_rest > logsumexp(log_weights) + np.log(_SEEDED_ABOVE):
-            seeds, log_seed_weights = self._seeds(seen)
-            poses = np.concatenate([poses, seeds])
-            log_weights = np.concatenate([log_weights, log_rest + log_seed_weights])
-        total = float(logsumexp(np.append(log_weights, log_rest)))
-        mass = float(logsumexp(log_weights))
-        self._rest = float(np.exp(log_rest - total))
-        self._particles = Particles(poses, np.exp(log_weights - mass))
+        evidence = float(logsumexp(log_weights))
+        log_weights -= evidence
+        if self._elsewhere.probability > _SEEDED_ABOVE or evidence < 0.0:
+            poses, log_weights = self._seed(seen, poses, log_weights, evidence)
+        else:
+            self._elsewhere.weigh(evidence)
+        self._particles = Particles(poses, np.exp(log_weights))
         if not is_compact or len(poses) > self._settings.least_particles:
-            self._resample(seen)
-
-    def _discount(self, evidence: float) -> float:
-        """What is to be added to the log odds that the robot is where the particles are.
-
-        They already have the scan's log `evidence`, of which only a part is new.
-        """
-        far_m = _NEW_FOR_M if evidence > 0.0 else _NEW_AGAINST_M
-        least = 0.0 if evidence > 0.0 else _LEAST_AGAINST
-        new = float(np.clip(self._driven_m / far_m, least, 1.0))
-        self._unseeded_m += self._driven_m
-        self._driven_m = 0.0
-        return (new - 1.0) * evidence
+            self._resample()
 
     def _refined(self, seen: Seen) -> tuple[FloatArray, FloatArray]:
         """Particles where prior and scan agree, half of them where the prior alone has them.
@@ -219,19 +226,33 @@ class ParticleFilter:
         n = self._settings.least_particles
         prior = self._particles.gaussian()
         fused = Gaussian.of_pose(self._proposals.refine(seen, prior.pose())).wider(_WIDER)
-        poses = np.concatenate(
-            [prior.draw(n // 2, self._rng), fused.draw(n - n // 2, self._rng)]
-        )
+        poses = np.concatenate([prior.draw(n // 2, self._rng), fused.draw(n - n // 2, self._rng)])
         log_prior, log_fused = prior.log_densities(poses), fused.log_densities(poses)
         log_drawn = np.logaddexp(log_prior, log_fused) - np.log(2.0)
         log_likelihoods = self._likelihood.log_likelihoods(seen, poses)
         return poses, log_prior - log_drawn + log_likelihoods - np.log(n)
 
+    def _seed(
+        self, seen: Seen, poses: FloatArray, log_weights: FloatArray, evidence: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Particles with log weights, and seeds among them."""
+        seeds, log_seed_weights = self._seeds(seen)
+        all_seeds = float(logsumexp(log_seed_weights)) if len(seeds) else -np.inf
+        share = self._elsewhere.weigh(evidence, all_seeds)
+        if share < _LEAST_SHARE:
+            return poses, log_weights
+        return np.concatenate([poses, seeds]), np.concatenate(
+            [
+                log_weights + np.log1p(-min(share, 1.0 - _LEAST_SHARE)),
+                log_seed_weights - all_seeds + np.log(share),
+            ]
+        )
+
     def _seeds(self, seen: Seen) -> tuple[FloatArray, FloatArray]:
         """Particles about places that the scan proposes, and log weights against all the rest."""
         area_m2 = self._likelihood.fixed_map.area_m2
         with np.errstate(divide="ignore"):
-            log_new = float(np.log(min(self._unseeded_m / _NEW_FOR_M, 1.0)))
+            log_new = float(np.log(min(self._unseeded_m / NEW_AFTER_M, 1.0)))
         self._unseeded_m = 0.0
         poses, log_weights = [np.zeros((0, 3))], [np.zeros(0)]
         for proposed in self._proposals.propose(seen):
@@ -243,7 +264,7 @@ class ParticleFilter:
             log_weights.append(log_new + stands_for + log_likelihoods - np.log(len(drawn)))
         return np.concatenate(poses), np.concatenate(log_weights)
 
-    def _resample(self, seen: Seen) -> None:
+    def _resample(self) -> None:
         """As many as the places that are left need, if too few carry the weight."""
         settings, particles = self._settings, self._particles
         if particles.effective > 0.5 * len(particles) and len(particles) <= settings.most_particles:

@@ -153,7 +153,9 @@ def kld_number(bins: int) -> int:
     if bins < 2:
         return 1
     a = 2.0 / (9.0 * (bins - 1))
-    return int(np.ceil((bins - 1) / (2.0 * _KLD_ERROR) * (1.0 - a + np.sqrt(a) * _KLD_QUANTILE) ** 3))
+    return int(
+        np.ceil((bins - 1) / (2.0 * _KLD_ERROR) * (1.0 - a + np.sqrt(a) * _KLD_QUANTILE) ** 3)
+    )
 
 
 def _bins(poses: FloatArray) -> tuple[IntArray, int]:

@@ -133,7 +133,7 @@ class PoseLikelihood:
     def candidates(
         self, seen: Seen, map_T_base: FloatArray, moved_m: float, turned: float
     ) -> IntArray:
-        """(k, c) landmarks that each perception may be from poses so far about (3,); -1: no more."""
+        """(k, c) landmarks that each perception may be from poses about (3,); -1: no more."""
         map_t = base_to_map(map_T_base[None], seen.base_t)[0]
         far = np.hypot(seen.base_t[:, 0], seen.base_t[:, 1])
         sigmas = np.sqrt(np.trace(seen.covariances, axis1=1, axis2=2) + self._largest_variance)

@@ -49,8 +49,10 @@ class PoseProposals:
         blurred = seen.blurred(sigma_m, sigma_m / _LENGTHS_M[1])
         scores = self._likelihood.log_likelihoods(blurred, poses)
         best = poses[np.argsort(-scores, kind="stable")[: 10 * _MOST_PROPOSED]]
-        refined = [self.refine(seen, UncertainPose2(Pose2.from_array(pose), _LOOSE)) for pose in
-                   best[_apart(best)][:_MOST_PROPOSED]]
+        refined = [
+            self.refine(seen, UncertainPose2(Pose2.from_array(pose), _LOOSE))
+            for pose in best[_apart(best)][:_MOST_PROPOSED]
+        ]
         means = np.array([each.pose.as_array() for each in refined])
         return [refined[row] for row in _apart(means)]
 
