@@ -65,7 +65,7 @@ def mapped(stand: Stand, errors: MapErrors, rng: np.random.Generator) -> FixedMa
     kept = rng.uniform(size=n) >= errors.missing
     places = stand.world_t_stems[kept] + errors.sigma_m * rng.standard_normal((kept.sum(), 2))
     diameters_m = stand.diameters_m[kept]
-    num_false = int(round(errors.false * n))
+    num_false = round(errors.false * n)
     low, high = stand.world_t_stems.min(axis=0), stand.world_t_stems.max(axis=0)
     places = np.vstack([places, rng.uniform(low, high, (num_false, 2))])
     diameters_m = np.append(diameters_m, rng.choice(stand.diameters_m, num_false))
@@ -136,7 +136,7 @@ def perceive(
     world_T_base: Pose2,
     stamp_ns: int,
     rng: np.random.Generator,
-    diameters: bool = True,  # noqa: FBT001, FBT002 - as the stand's
+    diameters: bool = True,  # noqa: FBT001 - as the stand
 ) -> Perceptions:
     """What a laser of 270 deg would show of the stems, a fifth missed, and one thing more."""
     base_t = world_T_base.inverse().transform(stand.world_t_stems)

@@ -129,7 +129,9 @@ class FastEstimator:
     ) -> tuple[LocalMap, Matches]:
         """Step 1: what is perceived, in the map, by the best of several proposed rotations."""
         radius_m = self._settings.search_radius_m
-        near = local_map(self._map, map_T_proposed.pose, perceptions, 2.0 * radius_m, self._since_m)
+        near = local_map(
+            self._map, map_T_proposed.pose, perceptions, 2.0 * radius_m, self.remembered_since_m
+        )
         rotations = self._rotations(perceptions, map_T_proposed)
         assignment = Assignment.NEAREST if self._is_paper else Assignment.ONE_TO_ONE
         rule = SweepRule.LOWEST_MEAN_DEVIATION if self._is_paper else SweepRule.MOST_MATCHES
@@ -247,12 +249,14 @@ class FastEstimator:
         radius_m = settings.search_radius_m if self._is_paper else settings.insert_radius_m
         is_new = landmark_ids < 0
         for k in np.flatnonzero(is_new & (perceptions.identities == "")):
-            neighbours = self._map.kinds(self._map.near(positions[k], radius_m, self._since_m))
+            neighbours = self._map.kinds(
+                self._map.near(positions[k], radius_m, self.remembered_since_m)
+            )
             is_new[k] = not (neighbours == perceptions.kinds[k]).any()
         return is_new
 
     @property
-    def _since_m(self) -> float:
+    def remembered_since_m(self) -> float:
         """The distance driven before which landmarks are forgotten."""
         return self._driven_m - self._settings.memory_m
 

@@ -5,7 +5,7 @@ scans in a row, all particles are at one place, known to 0.3 m and 3 deg, with a
 more, and no motion is large. The fast estimator hands back as soon as
 
 - the motion between two scans is large: over 1 m or 20 deg, or not known to 0.5 m and 10 deg;
-- few matches are found: of four perceptions or more, less than a third;
+- few matches are found, so few that the scan is explained no better than in the mean of all places;
 - its estimate lies outside the 99.9 % gate of the motion model (the matches contradict it);
 - the quality falls below 0.5.
 
@@ -31,13 +31,12 @@ from semgraph.particle_filter import Belief, FilterSettings, ParticleFilter
 from semgraph.particles import Gaussian
 from semgraph.pose_likelihood import PoseLikelihood
 from semgraph.pose_quality import Elsewhere
+from semgraph.surroundings import Surroundings
 
 _LARGE_M: Final = 1.0
 _LARGE_RAD: Final = float(np.radians(20.0))
 _UNKNOWN_M: Final = 0.5
 _UNKNOWN_RAD: Final = float(np.radians(10.0))
-_ENOUGH_PERCEPTIONS: Final = 4
-_FEW_SHARE: Final = 1.0 / 3.0
 # Chi-square quantile of 3 degrees of freedom.
 _CHI2_3DOF_999: Final = 16.266
 _LOST_BELOW: Final = 0.5
@@ -107,7 +106,8 @@ class Localizer:
         self._filter = ParticleFilter(self._likelihood, settings.particles, rng)
         self._fast = FastEstimator(settings.fast, Pose2(), fixed_map.navigation_map())
         self._noise = MotionNoise(settings.fast.acceleration, settings.fast.angular_acceleration)
-        self._elsewhere = Elsewhere(0.01, settings.particles.carried_off)
+        self._surroundings = Surroundings(settings.fast)
+        self._elsewhere = Elsewhere(0.01)
         self._estimator = Estimator.PARTICLES
         self._sure_scans = 0
         self._last: Localized | None = None
@@ -131,11 +131,13 @@ class Localizer:
             odometry: last_T_current as the wheels measured it; None where there are none.
         """
         motion = self._motion(perceptions.stamp_ns, odometry)
+        filter_settings = self._settings.particles
+        carried_off = filter_settings.leaps if odometry is None else filter_settings.carried_off
         found = None
         if self._estimator is Estimator.FAST and self._last is not None:
-            found = self._follow(perceptions, motion, self._last)
+            found = self._follow(perceptions, motion, self._last, carried_off)
         if found is None:
-            found = self._search(perceptions, motion)
+            found = self._search(perceptions, motion, odometry, carried_off)
         self._remember(found)
         return found
 
@@ -149,7 +151,7 @@ class Localizer:
         return constant_motion(self._last_motion, self._last_seconds, seconds, self._noise)
 
     def _follow(
-        self, perceptions: Perceptions, motion: UncertainPose2, last: Localized
+        self, perceptions: Perceptions, motion: UncertainPose2, last: Localized, carried_off: float
     ) -> Localized | None:
         """The fast estimator's pose; None if the particles have to take over."""
         is_bound = self._settings.only is Estimator.FAST
@@ -159,10 +161,11 @@ class Localizer:
             return None
         step = self._fast.step(perceptions, motion)
         prior = last.map_T_base @ motion
-        self._elsewhere.move(motion.pose)
-        self._elsewhere.weigh(self._evidence(perceptions, prior, step.map_T_base))
+        self._elsewhere.move(motion.pose, carried_off)
+        evidence = self._evidence(perceptions, prior, step.map_T_base)
+        self._elsewhere.weigh(evidence)
         quality = (1.0 - self._elsewhere.probability) * _share_within(step.map_T_base)
-        why = _alarm(perceptions, step, prior) or _lost(quality)
+        why = _alarm(step, prior, evidence) or _lost(quality)
         if why and not is_bound:
             self._hand_to_particles(last, perceptions.stamp_ns, why, doubt)
             return None
@@ -179,9 +182,16 @@ class Localizer:
         volume = -float(narrow.log_densities(narrow.mean[None])[0])
         return at_best + volume + float(wide.log_densities(pose)[0])
 
-    def _search(self, perceptions: Perceptions, motion: UncertainPose2) -> Localized:
+    def _search(
+        self,
+        perceptions: Perceptions,
+        motion: UncertainPose2,
+        odometry: UncertainPose2 | None,
+        carried_off: float,
+    ) -> Localized:
         """The particle filter's pose; it hands over to the fast estimator when it is sure."""
-        belief = self._filter.step(perceptions, motion)
+        lately = self._surroundings.add(perceptions, odometry)
+        belief = self._filter.step(perceptions, motion, lately, carried_off)
         is_sure = _is_sure(belief) and not _too_large(motion)
         self._sure_scans = self._sure_scans + 1 if is_sure else 0
         if self._sure_scans >= _SURE_SCANS and self._settings.only is not Estimator.PARTICLES:
@@ -206,6 +216,7 @@ class Localizer:
     ) -> None:
         self._estimator = Estimator.PARTICLES
         self._filter.start_at(last.map_T_base, doubt)
+        self._surroundings.forget()
         self._tell(stamp_ns, "particle filter", why)
 
     def _tell(self, stamp_ns: int, who: str, why: str) -> None:
@@ -229,11 +240,11 @@ def _too_large(motion: UncertainPose2) -> str:
     return ""
 
 
-def _alarm(perceptions: Perceptions, step: FastStep, prior: UncertainPose2) -> str:
+def _alarm(step: FastStep, prior: UncertainPose2, evidence: float) -> str:
     """Why the fast estimate is not to be trusted; empty if it is."""
-    num_matches, num_perceptions = int((step.landmark_ids >= 0).sum()), len(perceptions)
-    if num_perceptions >= _ENOUGH_PERCEPTIONS and num_matches < _FEW_SHARE * num_perceptions:
-        return f"{num_matches} of {num_perceptions} perceptions match the map"
+    if evidence < 0.0:
+        matched, perceived = int((step.landmark_ids >= 0).sum()), len(step.landmark_ids)
+        return f"few matches, {matched} of {perceived} perceptions"
     off = prior.pose.between(step.map_T_base.pose).as_array()
     distance2 = float(off @ np.linalg.solve(prior.covariance + 1e-12 * np.eye(3), off))
     if not distance2 <= _CHI2_3DOF_999:

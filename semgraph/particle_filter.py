@@ -1,10 +1,9 @@
 """Finds and follows the robot in a known map by weighed hypotheses (paper section 3.2).
 
-The belief is a mixture: particles, and a rest, the mass that the robot is anywhere else in the map.
-The rest explains every scan as well as the mean of all places, so that the odds between the two are
-those of the likelihood. The robot may be carried off at any time, which moves mass to the rest. Once
-the rest outweighs the particles, seeds are drawn about the places that the scan itself proposes, and
-weighed by what of the rest they stand for (importance sampling).
+The belief is a mixture: particles that are followed, and a rest, the probability that the robot
+is elsewhere in the map (`pose_quality.py`). As long as the rest matters, places are proposed by what was
+seen lately, all of it at once and anew after each scan, and weighed by what of the rest they stand
+for (importance sampling). The place that wins is followed from then on.
 """
 
 from dataclasses import dataclass
@@ -14,8 +13,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.special import logsumexp
 
-from semgraph.arrays import FloatArray
-from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.geometry import UncertainPose2, wrap_angle
 from semgraph.landmarks import Perceptions
 from semgraph.particles import (
     Gaussian,
@@ -28,7 +27,7 @@ from semgraph.particles import (
 )
 from semgraph.pose_likelihood import LikelihoodSettings, PoseLikelihood, Seen
 from semgraph.pose_proposals import PoseProposals
-from semgraph.pose_quality import NEW_AFTER_M, Elsewhere
+from semgraph.pose_quality import Elsewhere
 
 _SEEDS_EACH: Final = 40
 # Seeds and refined particles are drawn wider than what they stand for.
@@ -44,26 +43,29 @@ _NEAR_M: Final = 10.0
 _IS_NEAR: Final = 0.5
 # A motion less sure than this leaves no track.
 _UNTRACKED_M: Final = 1.0
-# Seeds of less weight than this are not worth their time.
-_LEAST_SHARE: Final = 1e-6
 _WITHIN_M: Final = 1.0
-# Seeds are drawn as long as the rest is at least this.
-_SEEDED_ABOVE: Final = 0.05
-# Particles farther apart than twice this are too few to begin with; then seeds alone begin.
+# Places are proposed as long as the rest is at least this, and followed above that.
+_PROPOSED_ABOVE: Final = 0.05
+_FOLLOWED_ABOVE: Final = 0.9
+# Proposed places as near as this to the one that is followed are the same.
+_SAME_RAD: Final = 0.3
+# Particles farther apart than twice this are too few to begin with; then proposals alone begin.
 _COARSEST_M: Final = 0.3
 
 
 class FilterSettings(BaseModel):
     """Settings of the particle filter.
 
-    `carried_off` is the probability that the robot is carried off between two scans.
+    `carried_off` is the probability that the robot is carried off between two scans, `leaps` that
+    it makes a leap where nothing but the scans themselves measures its motion.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     least_particles: int = Field(400, ge=50, le=10_000)
     most_particles: int = Field(50_000, ge=1_000, le=2_000_000)
-    carried_off: float = Field(1e-5, gt=0.0, lt=0.5)
+    carried_off: float = Field(1e-4, gt=0.0, lt=0.5)
+    leaps: float = Field(1e-2, gt=0.0, lt=0.5)
     likelihood: LikelihoodSettings = LikelihoodSettings()
 
 
@@ -113,18 +115,20 @@ class ParticleFilter:
         self._proposals = PoseProposals(likelihood)
         self._settings = settings
         self._rng = rng
+        # Particles of all places beside each other, and how certain it is that it is one of them.
+        self._proposed: tuple[Particles, float] | None = None
         self.start_anywhere()
 
     def start_anywhere(self) -> None:
         """Nothing is known."""
-        low, high = self._likelihood.fixed_map.bounds()
-        n = self._settings.most_particles
-        points = self._rng.uniform(low, high, (n, 2))
-        self._spread(points, self._likelihood.fixed_map.area_m2, _Region())
+        fixed_map = self._likelihood.fixed_map
+        n = self._num_spread(fixed_map.area_m2)
+        points = self._rng.uniform(*fixed_map.bounds(), (n, 2))
+        self._spread(points, fixed_map.area_m2, _Region())
 
     def start_within(self, map_t_point: FloatArray, radius_m: float) -> None:
         """The robot is within a radius of a point (2,), its heading unknown."""
-        n = self._settings.most_particles
+        n = self._num_spread(np.pi * radius_m**2)
         angles = self._rng.uniform(-np.pi, np.pi, n)
         out_m = radius_m * np.sqrt(self._rng.uniform(0.0, 1.0, n))
         around = np.column_stack([np.cos(angles), np.sin(angles)]) * out_m[:, None]
@@ -142,10 +146,16 @@ class ParticleFilter:
         gaussian = Gaussian.of_pose(map_T_base)
         poses = gaussian.draw(self._settings.least_particles, self._rng)
         self._particles = Particles.alike(poses)
-        self._elsewhere = doubt or Elsewhere(_START_ERRS, self._settings.carried_off)
+        self._elsewhere = doubt or Elsewhere(_START_ERRS)
         self._region = _Region((map_T_base.pose.x, map_T_base.pose.y), _NEAR_M, _IS_NEAR)
         self._blur = (0.0, 0.0)
-        self._unseeded_m = np.inf
+        self._proposed = None
+
+    def _num_spread(self, area_m2: float) -> int:
+        """As many particles as there may be, or few where these would stand too far apart."""
+        most = self._settings.most_particles
+        is_fine = _blur(2.0 * np.pi * area_m2 / most)[0] <= _COARSEST_M
+        return most if is_fine else self._settings.least_particles
 
     def _spread(self, map_t_points: FloatArray, area_m2: float, region: _Region) -> None:
         n = len(map_t_points)
@@ -153,37 +163,59 @@ class ParticleFilter:
         self._particles = Particles.alike(np.column_stack([map_t_points, headings]))
         self._region = region
         self._blur = _blur(2.0 * np.pi * area_m2 / n)
-        rest = 0.5 if self._blur[0] <= _COARSEST_M else 1.0 - 1e-9
-        self._elsewhere = Elsewhere(rest, self._settings.carried_off)
-        self._unseeded_m = np.inf
+        rest = 0.5 if n > self._settings.least_particles else 1.0 - 1e-9
+        self._elsewhere = Elsewhere(rest)
+        self._proposed = None
 
-    def step(self, perceptions: Perceptions, motion: UncertainPose2) -> Belief:
-        """The belief after a motion last_T_current and what is perceived then."""
-        self._move(motion)
-        seen = self._likelihood.see(perceptions)
-        if len(seen):
-            self._weigh(seen)
+    def step(
+        self,
+        perceptions: Perceptions,
+        motion: UncertainPose2,
+        lately: Perceptions | None = None,
+        carried_off: float | None = None,
+    ) -> Belief:
+        """The belief after a motion last_T_current and what is perceived then.
+
+        Args:
+            perceptions: relative to base.
+            motion: last_T_current.
+            lately: all that was seen lately, each thing once, relative to base now; what is
+                perceived now where there is no more.
+            carried_off: the probability that it was no such motion; by default the settings'.
+        """
+        self._move(motion, self._settings.carried_off if carried_off is None else carried_off)
+        self._proposed = None
+        if len(perceptions):
+            evidence = self._weigh(self._likelihood.see(perceptions))
+            self._elsewhere.weigh(evidence)
+            if self._elsewhere.probability > _PROPOSED_ABOVE or evidence < 0.0:
+                self._propose(self._likelihood.see(perceptions if lately is None else lately))
         return self.belief(perceptions.stamp_ns)
 
     def belief(self, stamp_ns: int) -> Belief:
         """As it stands."""
-        place, share = self._particles.likeliest(_WITHIN_M)
+        particles, certain = self._particles, 1.0 - self._elsewhere.probability
+        if self._proposed is not None:
+            particles, certain = self._proposed
+        place, share = particles.likeliest(_WITHIN_M)
         return Belief(
             stamp_ns,
             place.pose(),
-            (1.0 - self._elsewhere.probability) * share,
-            self._particles.gaussian().is_within(_COMPACT_M, _COMPACT_RAD),
-            len(self._particles),
+            certain * share,
+            self._proposed is None and self._is_compact(),
+            len(particles),
         )
 
-    def _move(self, motion: UncertainPose2) -> None:
+    def _is_compact(self) -> bool:
+        return self._particles.gaussian().is_within(_COMPACT_M, _COMPACT_RAD)
+
+    def _move(self, motion: UncertainPose2, carried_off: float) -> None:
         noise = self._rng.multivariate_normal(
             np.zeros(3), motion.covariance, len(self._particles), method="eigh"
         )
         moved = compose(np.broadcast_to(motion.pose.as_array(), noise.shape), noise)
         self._particles = Particles(compose(self._particles.poses, moved), self._particles.weights)
-        self._elsewhere.move(motion.pose)
-        self._unseeded_m += float(np.hypot(motion.pose.x, motion.pose.y))
+        self._elsewhere.move(motion.pose, carried_off)
         sigma_m = float(np.sqrt(np.linalg.eigvalsh(motion.covariance[:2, :2])[-1]))
         if sigma_m > _UNTRACKED_M:
             self._lose_track(3.0 * sigma_m)
@@ -194,11 +226,12 @@ class ParticleFilter:
         x, y = place.mean[:2].tolist()
         here = 1.0 - self._elsewhere.probability
         self._region = _Region((x, y), radius_m, min(here, _START_IS_RIGHT))
-        self._elsewhere = Elsewhere(1.0 - 1e-9, self._settings.carried_off)
-        self._unseeded_m = np.inf
+        self._elsewhere = Elsewhere(1.0 - 1e-9)
+        self._proposed = None
 
-    def _weigh(self, seen: Seen) -> None:
-        is_compact = self._particles.gaussian().is_within(_COMPACT_M, _COMPACT_RAD)
+    def _weigh(self, seen: Seen) -> float:
+        """Log of how much better what is followed, weighed, explains the scan than elsewhere."""
+        is_compact = self._is_compact()
         if is_compact:
             poses, log_weights = self._refined(seen)
         else:
@@ -208,14 +241,41 @@ class ParticleFilter:
                 log_weights = np.log(self._particles.weights)
             log_weights = log_weights + self._likelihood.log_likelihoods(blurred, poses)
         evidence = float(logsumexp(log_weights))
-        log_weights -= evidence
-        if self._elsewhere.probability > _SEEDED_ABOVE or evidence < 0.0:
-            poses, log_weights = self._seed(seen, poses, log_weights, evidence)
-        else:
-            self._elsewhere.weigh(evidence)
-        self._particles = Particles(poses, np.exp(log_weights))
-        if not is_compact or len(poses) > self._settings.least_particles:
+        self._particles = Particles(poses, np.exp(log_weights - evidence))
+        if not is_compact:
             self._resample()
+        return evidence
+
+    def _propose(self, seen: Seen) -> None:
+        """Weighs places of the rest beside what is followed, which one of them may succeed."""
+        seeds, log_weights, places = self._seeds(seen)
+        if not len(seeds):
+            return
+        rest = self._elsewhere.probability
+        log_weights = log_weights + np.log(rest)
+        log_total = float(np.logaddexp(0.0, logsumexp(log_weights)))
+        weights = np.exp(log_weights - log_total)
+        followed = (1.0 - rest) * np.exp(-log_total)
+        sums = np.bincount(places, weights)
+        if sums.max() > _FOLLOWED_ABOVE:
+            is_it = places == sums.argmax()
+            self._follow(Particles(seeds[is_it], weights[is_it] / sums.max()), float(sums.max()))
+            return
+        certain = followed + float(weights.sum())
+        self._proposed = (
+            Particles(
+                np.concatenate([self._particles.poses, seeds]),
+                np.concatenate([followed * self._particles.weights, weights]) / certain,
+            ),
+            certain,
+        )
+
+    def _follow(self, place: Particles, certain: float) -> None:
+        n = self._settings.least_particles
+        self._particles = Particles.alike(place.poses[systematic(place.weights, n, self._rng)])
+        self._blur = (0.0, 0.0)
+        self._elsewhere = Elsewhere(1.0 - certain, driven_m=0.0)
+        self._region = _Region()
 
     def _refined(self, seen: Seen) -> tuple[FloatArray, FloatArray]:
         """Particles where prior and scan agree, half of them where the prior alone has them.
@@ -232,37 +292,27 @@ class ParticleFilter:
         log_likelihoods = self._likelihood.log_likelihoods(seen, poses)
         return poses, log_prior - log_drawn + log_likelihoods - np.log(n)
 
-    def _seed(
-        self, seen: Seen, poses: FloatArray, log_weights: FloatArray, evidence: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Particles with log weights, and seeds among them."""
-        seeds, log_seed_weights = self._seeds(seen)
-        all_seeds = float(logsumexp(log_seed_weights)) if len(seeds) else -np.inf
-        share = self._elsewhere.weigh(evidence, all_seeds)
-        if share < _LEAST_SHARE:
-            return poses, log_weights
-        return np.concatenate([poses, seeds]), np.concatenate(
-            [
-                log_weights + np.log1p(-min(share, 1.0 - _LEAST_SHARE)),
-                log_seed_weights - all_seeds + np.log(share),
-            ]
-        )
-
-    def _seeds(self, seen: Seen) -> tuple[FloatArray, FloatArray]:
-        """Particles about places that the scan proposes, and log weights against all the rest."""
+    def _seeds(self, seen: Seen) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Particles about proposed places, log weights against the rest, number of the place."""
         area_m2 = self._likelihood.fixed_map.area_m2
-        with np.errstate(divide="ignore"):
-            log_new = float(np.log(min(self._unseeded_m / NEW_AFTER_M, 1.0)))
-        self._unseeded_m = 0.0
         poses, log_weights = [np.zeros((0, 3))], [np.zeros(0)]
         for proposed in self._proposals.propose(seen):
             place = Gaussian.of_pose(proposed).wider(_WIDER)
+            if self._is_followed(place):
+                continue
             drawn = place.draw(_SEEDS_EACH, self._rng)
             stands_for = self._region.log_densities(drawn, area_m2) - place.log_densities(drawn)
-            poses.append(drawn)
             log_likelihoods = self._likelihood.log_likelihoods(seen, drawn)
-            log_weights.append(log_new + stands_for + log_likelihoods - np.log(len(drawn)))
-        return np.concatenate(poses), np.concatenate(log_weights)
+            poses.append(drawn)
+            log_weights.append(stands_for + log_likelihoods - np.log(len(drawn)))
+        places = np.repeat(np.arange(len(poses) - 1), _SEEDS_EACH)
+        return np.concatenate(poses), np.concatenate(log_weights), places
+
+    def _is_followed(self, place: Gaussian) -> bool:
+        if self._elsewhere.probability > 0.5 or not self._is_compact():
+            return False
+        x, y, theta = place.mean - self._particles.gaussian().mean
+        return bool(np.hypot(x, y) < _WITHIN_M and abs(wrap_angle(float(theta))) < _SAME_RAD)
 
     def _resample(self) -> None:
         """As many as the places that are left need, if too few carry the weight."""

@@ -8,20 +8,27 @@ from scipy.spatial import KDTree
 
 from semgraph.alignment import fuse_with_prior
 from semgraph.arrays import FloatArray, IntArray
+from semgraph.fixed_map import FixedMap
 from semgraph.geometry import Pose2, UncertainPose2, rotation, wrap_angle
 from semgraph.measurement_model import CHI2_2DOF_99
 from semgraph.pose_likelihood import PoseLikelihood, Seen
 
-# Shorter pairs say little of the heading, longer ones are too many.
-_LENGTHS_M: Final = (1.5, 15.0)
+# Shorter pairs say little of the heading; longer ones no sensor sees, and they are too many.
+_SHORTEST_M: Final = 0.5
+_LONGEST_M: Final = 28.0
+_MOST_PAIRS: Final = 1_000_000
 _MOST_PAIRS_SEEN: Final = 16
 _MOST_PER_PAIR: Final = 20_000
 _MOST_PROPOSED: Final = 30
+# How far a pose by two landmarks may be turned, for scoring and matching the others.
+_TURNED: Final = 0.03
 # Proposals nearer than this are one.
 _SAME_M: Final = 0.5
 _SAME_RAD: Final = 0.1
-# Before the landmarks are matched anew, a proposed pose may be off by so much.
-_LOOSE: Final = np.diag([1.0, 1.0, 0.1]) ** 2
+# A proposed pose says nearly nothing beside the landmarks that it matches.
+_LOOSE: Final = np.diag([5.0, 5.0, 0.5]) ** 2
+# A place that its landmarks leave as open as this is none.
+_OPEN_M: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +45,8 @@ class PoseProposals:
 
     def __init__(self, likelihood: PoseLikelihood) -> None:
         self._likelihood = likelihood
-        self._pairs = _pairs(likelihood.fixed_map.map_t_landmarks)
+        self._longest_m = _longest_m(likelihood.fixed_map)
+        self._pairs = _pairs(likelihood.fixed_map.map_t_landmarks, self._longest_m)
 
     def propose(self, seen: Seen) -> list[UncertainPose2]:
         """At most 30 places apart from each other that explain best what is seen, refined."""
@@ -46,23 +54,34 @@ class PoseProposals:
         if not len(poses):
             return []
         sigma_m = float(np.sqrt(seen.variances.mean()))
-        blurred = seen.blurred(sigma_m, sigma_m / _LENGTHS_M[1])
+        blurred = seen.blurred(sigma_m, _TURNED)
         scores = self._likelihood.log_likelihoods(blurred, poses)
         best = poses[np.argsort(-scores, kind="stable")[: 10 * _MOST_PROPOSED]]
+        blur = (2.0 * sigma_m, _TURNED)
         refined = [
-            self.refine(seen, UncertainPose2(Pose2.from_array(pose), _LOOSE))
+            self.refine(seen, UncertainPose2(Pose2.from_array(pose), _LOOSE), blur)
             for pose in best[_apart(best)][:_MOST_PROPOSED]
         ]
-        means = np.array([each.pose.as_array() for each in refined])
+        refined = [each for each in refined if np.trace(each.covariance[:2, :2]) < _OPEN_M**2]
+        means = np.array([each.pose.as_array() for each in refined]).reshape(-1, 3)
         return [refined[row] for row in _apart(means)]
 
-    def refine(self, seen: Seen, prior: UncertainPose2) -> UncertainPose2:
-        """The pose that a prior and the landmarks that fit it best agree on."""
+    def refine(
+        self, seen: Seen, prior: UncertainPose2, blur: tuple[float, float] | None = None
+    ) -> UncertainPose2:
+        """The pose that a prior and the landmarks that fit it best agree on.
+
+        Args:
+            seen: what is perceived.
+            prior: the pose, and how surely.
+            blur: sigmas in m and rad within which landmarks are sought; the prior's if None.
+        """
         pose = prior.pose
-        loose = np.sqrt(np.diag(prior.covariance))
-        sigmas = (float(loose[:2].max()), float(loose[2]))
+        if blur is None:
+            loose = np.sqrt(np.diag(prior.covariance))
+            blur = (float(loose[:2].max()), float(loose[2]))
         refined = prior
-        for sigma_m, sigma_rad in (sigmas, (0.0, 0.0)):
+        for sigma_m, sigma_rad in (blur, (0.0, 0.0)):
             rows, columns = self._matches(seen.blurred(sigma_m, sigma_rad), pose)
             mapped = self._likelihood.fixed_map
             base_R_map = rotation(-pose.theta)
@@ -88,7 +107,10 @@ class PoseProposals:
 
     def _candidates(self, seen: Seen) -> FloatArray:
         """(n, 3) poses that lay two perceptions onto two landmarks that they may be."""
-        found = [self._of_pair(seen, first, second) for first, second in _pairs_seen(seen)]
+        found = [
+            self._of_pair(seen, first, second)
+            for first, second in _pairs_seen(seen, self._longest_m)
+        ]
         return np.concatenate([np.zeros((0, 3)), *found])
 
     def _of_pair(self, seen: Seen, first: int, second: int) -> FloatArray:
@@ -117,11 +139,17 @@ class PoseProposals:
         return np.column_stack([0.5 * (one + other) - turned, wrap_angle(theta)])
 
 
-def _pairs(map_t_landmarks: FloatArray) -> _Pairs:
-    pairs = KDTree(map_t_landmarks).query_pairs(_LENGTHS_M[1], output_type="ndarray")
+def _longest_m(fixed_map: FixedMap) -> float:
+    """Of pairs of landmarks, so that there are not too many of them."""
+    share = 2.0 * _MOST_PAIRS / len(fixed_map) ** 2
+    return float(min(_LONGEST_M, np.sqrt(share * fixed_map.area_m2 / np.pi)))
+
+
+def _pairs(map_t_landmarks: FloatArray, longest_m: float) -> _Pairs:
+    pairs = KDTree(map_t_landmarks).query_pairs(longest_m, output_type="ndarray")
     lengths_m = np.hypot(*(map_t_landmarks[pairs[:, 0]] - map_t_landmarks[pairs[:, 1]]).T)
     order = np.argsort(lengths_m, kind="stable")
-    order = order[lengths_m[order] >= _LENGTHS_M[0]]
+    order = order[lengths_m[order] >= _SHORTEST_M]
     both = np.repeat(pairs[order], 2, axis=0)
     both[1::2] = both[1::2, ::-1]
     return _Pairs(
@@ -129,15 +157,17 @@ def _pairs(map_t_landmarks: FloatArray) -> _Pairs:
     )
 
 
-def _pairs_seen(seen: Seen) -> list[tuple[int, int]]:
-    """The longest pairs of perceptions that the map's pairs reach, each perception in few."""
+def _pairs_seen(seen: Seen, longest_m: float) -> list[tuple[int, int]]:
+    """Pairs of perceptions, reliable ones first and then long ones, each perception in few."""
     first, second = np.triu_indices(len(seen), 1)
     lengths_m = np.hypot(*(seen.base_t[first] - seen.base_t[second]).T)
-    useful = np.flatnonzero((lengths_m >= _LENGTHS_M[0]) & (lengths_m <= 0.95 * _LENGTHS_M[1]))
+    useful = np.flatnonzero((lengths_m >= _SHORTEST_M) & (lengths_m <= 0.95 * longest_m))
+    doubts = seen.log_clutter[first] + seen.log_clutter[second]
+    order = useful[np.lexsort((-lengths_m[useful], doubts[useful].round(1)))]
     chosen: list[tuple[int, int]] = []
     uses = np.zeros(len(seen), dtype=np.int64)
     most = max(3, 2 * _MOST_PAIRS_SEEN // max(len(seen), 1) + 1)
-    for row in useful[np.argsort(-lengths_m[useful], kind="stable")]:
+    for row in order:
         a, b = int(first[row]), int(second[row])
         if uses[a] < most and uses[b] < most:
             chosen.append((a, b))

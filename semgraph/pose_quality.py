@@ -8,9 +8,9 @@ import numpy as np
 from semgraph.geometry import Pose2
 
 # What fits by chance fits again as long as the same things are in sight: as far as one sees.
-NEW_AFTER_M: Final = 15.0
+_NEW_AFTER_M: Final = 15.0
 # What does not fit, something that the map lacks, does not fit again from nearby.
-_NEW_AGAINST_M: Final = 1.0
+_NEW_AGAINST_M: Final = 0.5
 _LEAST_AGAINST: Final = 0.1
 _LEAST: Final = 1e-12
 
@@ -26,12 +26,10 @@ class Elsewhere:
     Attributes:
         wrong: that the robot never was where it is believed to be.
         gone: that it was, and is no longer.
-        carried_off: the probability that it is carried off between two scans.
         driven_m: since the scan before; infinite before the first.
     """
 
     wrong: float
-    carried_off: float
     gone: float = 0.0
     driven_m: float = np.inf
 
@@ -40,32 +38,20 @@ class Elsewhere:
         """Of being elsewhere."""
         return self.wrong + self.gone
 
-    def move(self, motion: Pose2) -> None:
-        """The robot moved, or was carried off."""
-        self.gone += (1.0 - self.probability) * self.carried_off
+    def move(self, motion: Pose2, carried_off: float) -> None:
+        """The robot moved, or was carried off by this probability."""
+        self.gone += (1.0 - self.probability) * carried_off
         self.driven_m += float(np.hypot(motion.x, motion.y))
 
-    def weigh(self, evidence: float, seeds: float = -np.inf) -> float:
-        """A scan speaks for here or for elsewhere.
-
-        Args:
-            evidence: log of how much better the scan is explained here than elsewhere.
-            seeds: log of how much better at places that it proposes itself, by what of elsewhere
-                they stand for.
-
-        Returns:
-            The share that seeds have in being here.
-        """
-        of_gone, of_wrong = evidence, evidence * min(self.driven_m / NEW_AFTER_M, 1.0)
+    def weigh(self, evidence: float) -> None:
+        """A scan speaks for here or for elsewhere, by the log of how much."""
+        of_gone, of_wrong = evidence, evidence * min(self.driven_m / _NEW_AFTER_M, 1.0)
         if evidence < 0.0:
             new = float(np.clip(self.driven_m / _NEW_AGAINST_M, _LEAST_AGAINST, 1.0))
             of_gone = of_wrong = new * evidence
         self.driven_m = 0.0
         here = np.log(max(1.0 - self.probability, _LEAST))
-        elsewhere = np.log(max(self.probability, _LEAST))
         wrong = np.log(max(self.wrong, _LEAST)) - of_wrong
         gone = np.log(max(self.gone, _LEAST)) - of_gone
-        found = elsewhere + seeds - of_gone
-        total = np.logaddexp.reduce([here, wrong, gone, found])
+        total = np.logaddexp.reduce([here, wrong, gone])
         self.wrong, self.gone = float(np.exp(wrong - total)), float(np.exp(gone - total))
-        return float(np.exp(found - np.logaddexp(here, found)))
