@@ -1,9 +1,9 @@
 """Finds and follows the robot in a known map by weighed hypotheses (paper section 3.2).
 
-The belief is a mixture: particles that are followed, and a rest, the probability that the robot
-is elsewhere in the map (`pose_quality.py`). As long as the rest matters, places are proposed by what was
-seen lately, all of it at once and anew after each scan, and weighed by what of the rest they stand
-for (importance sampling). The place that wins is followed from then on.
+The belief is a mixture: particles that are followed, and a rest, the probability that the robot is
+elsewhere in the map (pose_quality.py). As long as the rest matters, places are proposed by what
+was seen lately, all of it at once and anew after each scan, and weighed by what of the rest they
+stand for (importance sampling). The place that wins is followed from then on.
 """
 
 from dataclasses import dataclass
@@ -295,7 +295,8 @@ class ParticleFilter:
     def _seeds(self, seen: Seen) -> tuple[FloatArray, FloatArray, IntArray]:
         """Particles about proposed places, log weights against the rest, number of the place."""
         area_m2 = self._likelihood.fixed_map.area_m2
-        poses, log_weights = [np.zeros((0, 3))], [np.zeros(0)]
+        poses: list[FloatArray] = [np.zeros((0, 3))]
+        log_weights: list[FloatArray] = [np.zeros(0)]
         for proposed in self._proposals.propose(seen):
             place = Gaussian.of_pose(proposed).wider(_WIDER)
             if self._is_followed(place):

@@ -132,7 +132,8 @@ def systematic(weights: FloatArray, n: int, rng: np.random.Generator) -> IntArra
     """
     edges = np.cumsum(weights)
     places = (rng.uniform() + np.arange(n)) / n * edges[-1]
-    return np.minimum(np.searchsorted(edges, places), len(weights) - 1).astype(np.int64)
+    rows: IntArray = np.minimum(np.searchsorted(edges, places), len(weights) - 1).astype(np.int64)
+    return rows
 
 
 def num_bins(poses: FloatArray) -> int:

@@ -64,7 +64,8 @@ class Seen:
     @property
     def variances(self) -> FloatArray:
         """(k,) m2 per axis, the mean of all directions."""
-        return 0.5 * np.trace(self.covariances, axis1=1, axis2=2)
+        variances: FloatArray = 0.5 * np.trace(self.covariances, axis1=1, axis2=2)
+        return variances
 
     def blurred(self, sigma_m: float, sigma_rad: float) -> "Seen":
         """As seen from a pose that is known no better than this."""
