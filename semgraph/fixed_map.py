@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from semgraph.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
 from semgraph.errors import InputError
 from semgraph.landmarks import Kind, Landmark, Perceptions, semantic_object
+from semgraph.mapped_constellation import Constellation
 from semgraph.navigation_map import NavigationMap
 
 # How far the robot may be from the box about all landmarks.
@@ -111,6 +112,17 @@ class FixedMap:
         made = NavigationMap()
         made.insert(as_seen, self.map_t_landmarks, self.covariances + _LEAST_VARIANCE * np.eye(2))
         return made
+
+    def constellation(self) -> Constellation:
+        """The same for constellation matching."""
+        return Constellation(
+            self.map_t_landmarks,
+            self.covariances + _LEAST_VARIANCE * np.eye(2),
+            self.kinds,
+            self.diameters_m,
+            self.diameter_sigmas_m,
+            self.identities,
+        )
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """(2,) lower and upper corner of the box where the robot may be."""

@@ -1,16 +1,13 @@
 """The nearest landmark of every place of a map, looked up for very many poses at once."""
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Self
+from dataclasses import dataclass, replace
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.fixed_map import FixedMap
-
-if TYPE_CHECKING:
-    from semgraph.pose_likelihood import Seen
 
 REACH_M: Final = 1.5
 _LEAST_CELL_M: Final = 0.25
@@ -19,6 +16,41 @@ _MOST_CELLS: Final = 4_000_000
 _AT_ONCE: Final = 16_384
 
 Floats32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """Perceptions prepared for the map.
+
+    Attributes:
+        base_t: (k, 2) m.
+        kinds: (k,).
+        covariances: (k, 2, 2) m2, in base, the map's own sigma included.
+        log_clutter: (k,) log of the probability that it is of nothing in the map.
+        log_weights: (k, m) log of how much more a landmark may be it than any place in the map,
+            1/m2 still to come; -inf where it cannot.
+    """
+
+    base_t: FloatArray
+    kinds: IntArray
+    covariances: FloatArray
+    log_clutter: FloatArray
+    log_weights: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.base_t)
+
+    @property
+    def variances(self) -> FloatArray:
+        """(k,) m2 per axis, the mean of all directions."""
+        variances: FloatArray = 0.5 * np.trace(self.covariances, axis1=1, axis2=2)
+        return variances
+
+    def blurred(self, sigma_m: float, sigma_rad: float) -> "Seen":
+        """As seen from a pose that is known no better than this."""
+        far2 = np.square(self.base_t).sum(axis=1)
+        more = sigma_m**2 + far2 * sigma_rad**2
+        return replace(self, covariances=self.covariances + more[:, None, None] * np.eye(2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +100,7 @@ class LikelihoodField:
             for kind in set(fixed_map.kinds.tolist())
         }
 
-    def log_likelihoods(self, seen: "Seen", map_T_bases: FloatArray) -> FloatArray:
+    def log_likelihoods(self, seen: Seen, map_T_bases: FloatArray) -> FloatArray:
         """(n,) of poses (n, 3)."""
         tables = [self._table(seen, k) for k in range(len(seen))]
         poses = map_T_bases.astype(np.float32)
@@ -79,7 +111,7 @@ class LikelihoodField:
         return sums.astype(np.float64)
 
     def _add(
-        self, seen: "Seen", tables: list[Floats32 | None], poses: Floats32, sums: Floats32
+        self, seen: Seen, tables: list[Floats32 | None], poses: Floats32, sums: Floats32
     ) -> None:
         scale = np.float32(1.0 / self._grid.cell_m)
         c, s = np.cos(poses[:, 2]) * scale, np.sin(poses[:, 2]) * scale
@@ -95,7 +127,7 @@ class LikelihoodField:
             numbers = self._cells[int(seen.kinds[k])].numbers
             sums += table[numbers[row * np.int32(columns) + column]]
 
-    def _table(self, seen: "Seen", k: int) -> Floats32 | None:
+    def _table(self, seen: Seen, k: int) -> Floats32 | None:
         """(c,) the perception's log-likelihood by cell; None if the map has none of its kind."""
         cells = self._cells.get(int(seen.kinds[k]))
         if cells is None:

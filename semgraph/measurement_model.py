@@ -67,17 +67,23 @@ def diameters_contradict(
 ) -> BoolArray:
     """Whether diameters (broadcast together) cannot be of one object; an unknown one (NaN) can."""
     with np.errstate(invalid="ignore"):
-        variances = log_diameter_variances(first_m, first_sigmas_m, second_m, second_sigmas_m)
+        variances = (
+            (first_sigmas_m / first_m) ** 2
+            + (second_sigmas_m / second_m) ** 2
+            + _LOG_DIAMETER_SIGMA**2
+        )
         return np.asarray(np.log(first_m / second_m) ** 2 > _DIAMETER_GATE * variances)
 
 
-def log_diameter_variances(
-    first_m: FloatArray | float,
-    first_sigmas_m: FloatArray | float,
-    second_m: FloatArray | float,
-    second_sigmas_m: FloatArray | float,
+def diameter_log_likelihoods(
+    first_m: FloatArray,
+    first_sigmas_m: FloatArray,
+    second_m: FloatArray,
+    second_sigmas_m: FloatArray,
 ) -> FloatArray:
-    """Variances of ln(first / second) of one object's diameters; NaN where one is unknown."""
-    return np.asarray(
-        (first_sigmas_m / first_m) ** 2 + (second_sigmas_m / second_m) ** 2 + _LOG_DIAMETER_SIGMA**2
+    """Ln N of the differences of diameters (broadcast together) of one object; NaN if unknown."""
+    variances = first_sigmas_m**2 + second_sigmas_m**2 + (_LOG_DIAMETER_SIGMA * second_m) ** 2
+    log_likelihoods: FloatArray = -0.5 * (
+        (first_m - second_m) ** 2 / variances + np.log(2.0 * np.pi * variances)
     )
+    return log_likelihoods

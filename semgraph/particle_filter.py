@@ -16,6 +16,7 @@ from scipy.special import logsumexp
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.geometry import UncertainPose2, wrap_angle
 from semgraph.landmarks import Perceptions
+from semgraph.likelihood_field import Seen
 from semgraph.particles import (
     Gaussian,
     Particles,
@@ -25,7 +26,7 @@ from semgraph.particles import (
     systematic,
     volume_of_bins,
 )
-from semgraph.pose_likelihood import LikelihoodSettings, PoseLikelihood, Seen
+from semgraph.pose_likelihood import LikelihoodSettings, PoseLikelihood
 from semgraph.pose_proposals import PoseProposals
 from semgraph.pose_quality import Elsewhere
 
@@ -189,7 +190,7 @@ class ParticleFilter:
             evidence = self._weigh(self._likelihood.see(perceptions))
             self._elsewhere.weigh(evidence)
             if self._elsewhere.probability > _PROPOSED_ABOVE or evidence < 0.0:
-                self._propose(self._likelihood.see(perceptions if lately is None else lately))
+                self._propose(perceptions if lately is None else lately)
         return self.belief(perceptions.stamp_ns)
 
     def belief(self, stamp_ns: int) -> Belief:
@@ -246,9 +247,9 @@ class ParticleFilter:
             self._resample()
         return evidence
 
-    def _propose(self, seen: Seen) -> None:
+    def _propose(self, lately: Perceptions) -> None:
         """Weighs places of the rest beside what is followed, which one of them may succeed."""
-        seeds, log_weights, places = self._seeds(seen)
+        seeds, log_weights, places = self._seeds(lately)
         if not len(seeds):
             return
         rest = self._elsewhere.probability
@@ -292,12 +293,12 @@ class ParticleFilter:
         log_likelihoods = self._likelihood.log_likelihoods(seen, poses)
         return poses, log_prior - log_drawn + log_likelihoods - np.log(n)
 
-    def _seeds(self, seen: Seen) -> tuple[FloatArray, FloatArray, IntArray]:
+    def _seeds(self, lately: Perceptions) -> tuple[FloatArray, FloatArray, IntArray]:
         """Particles about proposed places, log weights against the rest, number of the place."""
-        area_m2 = self._likelihood.fixed_map.area_m2
+        area_m2, seen = self._likelihood.fixed_map.area_m2, self._likelihood.see(lately)
         poses: list[FloatArray] = [np.zeros((0, 3))]
         log_weights: list[FloatArray] = [np.zeros(0)]
-        for proposed in self._proposals.propose(seen):
+        for proposed in self._proposals.propose(lately, seen):
             place = Gaussian.of_pose(proposed).wider(_WIDER)
             if self._is_followed(place):
                 continue

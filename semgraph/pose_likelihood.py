@@ -1,6 +1,5 @@
 """How well poses explain what is perceived, in a fixed map, against being anywhere else in it."""
 
-from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -11,8 +10,8 @@ from semgraph.arrays import FloatArray, IntArray
 from semgraph.fixed_map import FixedMap
 from semgraph.geometry import rotation, wrap_angle
 from semgraph.landmarks import Perceptions
-from semgraph.likelihood_field import LikelihoodField
-from semgraph.measurement_model import CHI2_2DOF_999, log_diameter_variances
+from semgraph.likelihood_field import LikelihoodField, Seen
+from semgraph.measurement_model import CHI2_2DOF_999, diameter_log_likelihoods
 
 # Of so many landmarks it is told how usual a diameter is.
 _SAMPLE: Final = 500
@@ -37,41 +36,6 @@ class LikelihoodSettings(BaseModel):
 
     clutter: float = Field(0.2, gt=0.0, lt=1.0)
     map_sigma_m: float = Field(0.05, ge=0.0, le=10.0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Seen:
-    """Perceptions prepared for the map.
-
-    Attributes:
-        base_t: (k, 2) m.
-        kinds: (k,).
-        covariances: (k, 2, 2) m2, in base, the map's own sigma included.
-        log_clutter: (k,) log of the probability that it is of nothing in the map.
-        log_weights: (k, m) log of how much more a landmark may be it than any place in the map,
-            1/m2 still to come; -inf where it cannot.
-    """
-
-    base_t: FloatArray
-    kinds: IntArray
-    covariances: FloatArray
-    log_clutter: FloatArray
-    log_weights: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.base_t)
-
-    @property
-    def variances(self) -> FloatArray:
-        """(k,) m2 per axis, the mean of all directions."""
-        variances: FloatArray = 0.5 * np.trace(self.covariances, axis1=1, axis2=2)
-        return variances
-
-    def blurred(self, sigma_m: float, sigma_rad: float) -> "Seen":
-        """As seen from a pose that is known no better than this."""
-        far2 = np.square(self.base_t).sum(axis=1)
-        more = sigma_m**2 + far2 * sigma_rad**2
-        return replace(self, covariances=self.covariances + more[:, None, None] * np.eye(2))
 
 
 class PoseLikelihood:
@@ -198,18 +162,15 @@ class PoseLikelihood:
         return np.log(np.where(np.isnan(ratios), 1.0, ratios) / density)
 
     def _agreements(self, perceptions: Perceptions, columns: IntArray) -> FloatArray:
-        """(k, c) densities of ln(diameter); NaN where one is unknown."""
-        first, second = perceptions.diameters_m[:, None], self._map.diameters_m[None, columns]
-        variances = log_diameter_variances(
-            first,
-            perceptions.diameter_sigmas_m[:, None],
-            second,
-            self._map.diameter_sigmas_m[None, columns],
+        """(k, c) densities of a diameter, by m; NaN where one is unknown."""
+        return np.exp(
+            diameter_log_likelihoods(
+                perceptions.diameters_m[:, None],
+                perceptions.diameter_sigmas_m[:, None],
+                self._map.diameters_m[None, columns],
+                self._map.diameter_sigmas_m[None, columns],
+            )
         )
-        densities: FloatArray = np.exp(-0.5 * np.log(first / second) ** 2 / variances) / np.sqrt(
-            2.0 * np.pi * variances
-        )
-        return densities
 
 
 def base_to_map(map_T_bases: FloatArray, base_t: FloatArray) -> FloatArray:

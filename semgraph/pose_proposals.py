@@ -8,10 +8,13 @@ from scipy.spatial import KDTree
 
 from semgraph.alignment import fuse_with_prior
 from semgraph.arrays import FloatArray, IntArray
+from semgraph.constellation import Constellation, MapIndex, Placement
 from semgraph.fixed_map import FixedMap
 from semgraph.geometry import Pose2, UncertainPose2, rotation, wrap_angle
+from semgraph.landmarks import Perceptions
+from semgraph.likelihood_field import Seen
 from semgraph.measurement_model import CHI2_2DOF_99
-from semgraph.pose_likelihood import PoseLikelihood, Seen
+from semgraph.pose_likelihood import PoseLikelihood
 
 # Shorter pairs say little of the heading; longer ones no sensor sees, and they are too many.
 _SHORTEST_M: Final = 0.5
@@ -20,6 +23,8 @@ _MOST_PAIRS: Final = 1_000_000
 _MOST_PAIRS_SEEN: Final = 16
 _MOST_PER_PAIR: Final = 20_000
 _MOST_PROPOSED: Final = 30
+# Log odds of a placement above which pairs are not asked.
+_BEYOND_DOUBT: Final = 5.0
 # How far a pose by two landmarks may be turned, for scoring and matching the others.
 _TURNED: Final = 0.03
 # Proposals nearer than this are one.
@@ -41,30 +46,51 @@ class _Pairs:
 
 
 class PoseProposals:
-    """Poses that two perceptions have in common with two landmarks, best first."""
+    """Poses by what perceptions and landmarks have in common: constellations, and pairs."""
 
     def __init__(self, likelihood: PoseLikelihood) -> None:
         self._likelihood = likelihood
+        self._index = MapIndex(likelihood.fixed_map.constellation())
         self._longest_m = _longest_m(likelihood.fixed_map)
         self._pairs = _pairs(likelihood.fixed_map.map_t_landmarks, self._longest_m)
 
-    def propose(self, seen: Seen) -> list[UncertainPose2]:
-        """At most 30 places apart from each other that explain best what is seen, refined."""
+    def propose(self, perceptions: Perceptions, seen: Seen) -> list[UncertainPose2]:
+        """Places apart from each other that explain best what is seen.
+
+        By constellations of three and more; where these leave doubt, also by pairs.
+        """
+        placements = self._placements(perceptions)
+        found = [each.map_T_local for each in placements]
+        if not placements or placements[0].log_odds < _BEYOND_DOUBT:
+            found += self._by_pairs(seen)
+        means = np.array([each.pose.as_array() for each in found]).reshape(-1, 3)
+        return [found[row] for row in _apart(means)]
+
+    def _placements(self, perceptions: Perceptions) -> tuple[Placement, ...]:
+        seen = Constellation(
+            perceptions.base_t_landmarks(),
+            perceptions.base_covariances(),
+            perceptions.kinds,
+            perceptions.diameters_m,
+            perceptions.diameter_sigmas_m,
+            perceptions.identities,
+        )
+        return self._index.place(seen, _MOST_PROPOSED)
+
+    def _by_pairs(self, seen: Seen) -> list[UncertainPose2]:
+        """At most 30 places, refined."""
         poses = self._candidates(seen)
         if not len(poses):
             return []
         sigma_m = float(np.sqrt(seen.variances.mean()))
-        blurred = seen.blurred(sigma_m, _TURNED)
-        scores = self._likelihood.log_likelihoods(blurred, poses)
+        scores = self._likelihood.log_likelihoods(seen.blurred(sigma_m, _TURNED), poses)
         best = poses[np.argsort(-scores, kind="stable")[: 10 * _MOST_PROPOSED]]
         blur = (2.0 * sigma_m, _TURNED)
         refined = [
             self.refine(seen, UncertainPose2(Pose2.from_array(pose), _LOOSE), blur)
             for pose in best[_apart(best)][:_MOST_PROPOSED]
         ]
-        refined = [each for each in refined if np.trace(each.covariance[:2, :2]) < _OPEN_M**2]
-        means = np.array([each.pose.as_array() for each in refined]).reshape(-1, 3)
-        return [refined[row] for row in _apart(means)]
+        return [each for each in refined if np.trace(each.covariance[:2, :2]) < _OPEN_M**2]
 
     def refine(
         self, seen: Seen, prior: UncertainPose2, blur: tuple[float, float] | None = None
