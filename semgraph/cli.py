@@ -46,6 +46,16 @@ def _call(parsed: argparse.Namespace) -> None:
             commands.demo(parsed.output)
         case "run":
             commands.run(parsed.source, parsed.output, parsed.settings, parsed.set, parsed.live)
+        case "localize":
+            commands.localize(
+                parsed.source,
+                parsed.map,
+                parsed.output,
+                parsed.settings,
+                parsed.set,
+                pose=parsed.start,
+                circle=parsed.radius,
+            )
         case "detect":
             commands.detect(parsed.source, parsed.output, parsed.settings, parsed.set)
         case "simulate":
@@ -56,9 +66,17 @@ def _call(parsed: argparse.Namespace) -> None:
             commands.compare(parsed.first, parsed.second)
         case "view":
             commands.view(parsed.folder)
-        case "bench" if parsed.bench == "graph":
-            commands.bench_graph(parsed.seeds, parsed.output)
         case "bench":
+            _call_bench(parsed)
+
+
+def _call_bench(parsed: argparse.Namespace) -> None:
+    from semgraph import commands
+
+    match parsed.bench:
+        case "graph":
+            commands.bench_graph(parsed.seeds, parsed.output)
+        case "detectors":
             commands.bench_detectors(parsed.seeds, parsed.output, parsed.data)
 
 
@@ -81,6 +99,7 @@ def _parser() -> argparse.ArgumentParser:
         help="settings whose filters and detectors may be changed while the run goes on",
     )
 
+    _add_localize(commands.add_parser)
     _add_with_source(
         commands.add_parser, "detect", "write and draw what the detectors find in raw measurements"
     )
@@ -105,6 +124,24 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument("second", type=Path, metavar="DIR", help="the results of another")
     _add_bench(commands.add_parser)
     return parser
+
+
+def _add_localize(add_parser: _AddParser) -> None:
+    localize = _add_with_source(add_parser, "localize", "find and follow the robot in a known map")
+    localize.add_argument(
+        "--map",
+        type=Path,
+        required=True,
+        metavar="MAP",
+        help="map.json or map.csv of a run, its folder, or a list x_m,y_m,kind,diameter_m",
+    )
+    start = localize.add_mutually_exclusive_group()
+    start.add_argument(
+        "--start", type=float, nargs=3, metavar=("X", "Y", "YAW"), help="m and degrees, in the map"
+    )
+    start.add_argument(
+        "--radius", type=float, nargs=3, metavar=("M", "X", "Y"), help="within M of a point"
+    )
 
 
 def _add_with_source(add_parser: _AddParser, name: str, what: str) -> argparse.ArgumentParser:

@@ -14,6 +14,7 @@ its covariance. What the fast estimator takes over is the particles' mean and co
 the probability of being elsewhere goes along.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final
@@ -21,10 +22,10 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from semgraph.arrays import FloatArray
+from semgraph.errors import InputError
 from semgraph.fast_estimator import FastEstimator, FastSettings, FastStep
 from semgraph.fixed_map import FixedMap
-from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
 from semgraph.landmarks import Perceptions
 from semgraph.motion_model import MotionNoise, constant_motion
 from semgraph.particle_filter import Belief, FilterSettings, ParticleFilter
@@ -45,6 +46,9 @@ _SURE_M: Final = 0.3
 _SURE_RAD: Final = float(np.radians(3.0))
 _SURE_SCANS: Final = 3
 _WITHIN_M: Final = 1.0
+# How exactly a user knows where the robot starts.
+_START_SIGMA_M: Final = 0.5
+_START_SIGMA_RAD: Final = float(np.radians(5.0))
 
 
 class Estimator(Enum):
@@ -54,17 +58,27 @@ class Estimator(Enum):
     PARTICLES = "particles"
 
 
+class Use(Enum):
+    """Which of the two may be used."""
+
+    BOTH = "both"
+    FAST = "fast"
+    PARTICLES = "particles"
+
+
 class LocalizerSettings(BaseModel):
     """Settings of both.
 
-    To compare, `only` keeps to one of them; the fast one needs the particles to begin with.
+    `listed_sigma_m` is how far landmarks may be off in a map that is a mere list. To compare,
+    `use` keeps to one of them; the fast one needs the particles to begin with.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     particles: FilterSettings = FilterSettings()
     fast: FastSettings = FastSettings()
-    only: Estimator | None = None
+    use: Use = Use.BOTH
+    listed_sigma_m: float = Field(0.1, gt=0.0, le=10.0)
     seed: int = Field(0, ge=0)
 
 
@@ -75,6 +89,29 @@ class Start:
     map_T_base: UncertainPose2 | None = None
     map_t_point: tuple[float, float] = (0.0, 0.0)
     radius_m: float | None = None
+
+
+def start_of(pose: Sequence[float] | None, circle: Sequence[float] | None) -> Start:
+    """The start of a command line.
+
+    Args:
+        pose: x, y in m and yaw in degrees, good to half a metre and 5 degrees; or None.
+        circle: radius, x, y in m; or None.
+
+    Raises:
+        InputError: a number is not finite, or the radius not above 0.
+    """
+    if pose is not None:
+        x, y, yaw_deg = pose
+        sigmas = np.array([_START_SIGMA_M, _START_SIGMA_M, _START_SIGMA_RAD])
+        start = Pose2(x, y, float(wrap_angle(np.radians(yaw_deg))))
+        return Start(UncertainPose2(start, np.diag(sigmas**2)))
+    if circle is None:
+        return Start()
+    radius_m, x, y = circle
+    if not (0.0 < radius_m < np.inf and np.isfinite([x, y]).all()):
+        raise InputError(f"start: expected a radius above 0 and a point, got {radius_m}, {x}, {y}")
+    return Start(map_t_point=(x, y), radius_m=radius_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,7 +191,7 @@ class Localizer:
         self, perceptions: Perceptions, motion: UncertainPose2, last: Localized, carried_off: float
     ) -> Localized | None:
         """The fast estimator's pose; None if the particles have to take over."""
-        is_bound = self._settings.only is Estimator.FAST
+        is_bound = self._settings.use is Use.FAST
         doubt = replace(self._elsewhere)
         if (why := _too_large(motion)) and not is_bound:
             self._hand_to_particles(last, perceptions.stamp_ns, why, doubt)
@@ -175,6 +212,8 @@ class Localizer:
         self, perceptions: Perceptions, prior: UncertainPose2, posterior: UncertainPose2
     ) -> float:
         """Log of how much better the scan is explained here than anywhere, by Laplace's method."""
+        if not len(perceptions):
+            return 0.0
         seen = self._likelihood.see(perceptions)
         pose = posterior.pose.as_array()[None]
         at_best = float(self._likelihood.log_likelihoods(seen, pose)[0])
@@ -194,7 +233,7 @@ class Localizer:
         belief = self._filter.step(perceptions, motion, lately, carried_off)
         is_sure = _is_sure(belief) and not _too_large(motion)
         self._sure_scans = self._sure_scans + 1 if is_sure else 0
-        if self._sure_scans >= _SURE_SCANS and self._settings.only is not Estimator.PARTICLES:
+        if self._sure_scans >= _SURE_SCANS and self._settings.use is not Use.PARTICLES:
             self._hand_to_fast(belief)
         return Localized(
             belief.stamp_ns,
@@ -268,10 +307,3 @@ def _share_within(map_T_base: UncertainPose2) -> float:
     """The probability of being within 1 m of a mean, by its covariance taken for round."""
     variance = 0.5 * float(np.trace(map_T_base.covariance[:2, :2]))
     return float(-np.expm1(-0.5 * _WITHIN_M**2 / max(variance, 1e-12)))
-
-
-def trajectory_arrays(found: list[Localized]) -> tuple[FloatArray, FloatArray]:
-    """(n, 3) poses and (n, 3, 3) covariances of a run."""
-    poses = np.array([each.map_T_base.pose.as_array() for each in found]).reshape(-1, 3)
-    covariances = np.array([each.map_T_base.covariance for each in found]).reshape(-1, 3, 3)
-    return poses, covariances
