@@ -64,7 +64,7 @@ class FilterSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     least_particles: int = Field(400, ge=50, le=10_000)
-    most_particles: int = Field(50_000, ge=1_000, le=2_000_000)
+    most_particles: int = Field(100_000, ge=1_000, le=2_000_000)
     carried_off: float = Field(1e-4, gt=0.0, lt=0.5)
     leaps: float = Field(1e-2, gt=0.0, lt=0.5)
     likelihood: LikelihoodSettings = LikelihoodSettings()
@@ -164,7 +164,7 @@ class ParticleFilter:
         self._particles = Particles.alike(np.column_stack([map_t_points, headings]))
         self._region = region
         self._blur = _blur(2.0 * np.pi * area_m2 / n)
-        rest = 0.5 if n > self._settings.least_particles else 1.0 - 1e-9
+        rest = _START_ERRS if n > self._settings.least_particles else 1.0 - 1e-9
         self._elsewhere = Elsewhere(rest)
         self._proposed = None
 
