@@ -1,12 +1,12 @@
 """Simulated drives through a real stand with a map of it: what localization is tried on."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from semgraph.arrays import BoolArray, FloatArray
+from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.fixed_map import FixedMap
 from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
 from semgraph.landmarks import Kind, Perceptions, polar_covariances
@@ -59,7 +59,15 @@ class MapErrors:
     diameters: bool = True
 
 
-def mapped(stand: Stand, errors: MapErrors, rng: np.random.Generator) -> FixedMap:
+@dataclass(frozen=True, slots=True, eq=False)
+class Mapped:
+    """A map, and the (n,) row in it of each stem of the stand, -1 for those that it lacks."""
+
+    fixed_map: FixedMap
+    rows: IntArray
+
+
+def mapped(stand: Stand, errors: MapErrors, rng: np.random.Generator) -> Mapped:
     """A map of the stand with these errors; its covariances tell them as they are."""
     n = len(stand.diameters_m)
     kept = rng.uniform(size=n) >= errors.missing
@@ -73,7 +81,7 @@ def mapped(stand: Stand, errors: MapErrors, rng: np.random.Generator) -> FixedMa
     diameters_m = diameters_m * np.exp(_MAPPED_DIAMETER_SIGMA * rng.standard_normal(m))
     if not errors.diameters:
         diameters_m = np.full(m, np.nan)
-    return FixedMap(
+    made = FixedMap(
         places,
         np.tile(errors.sigma_m**2 * np.eye(2), (m, 1, 1)),
         np.full(m, int(Kind.TREE)),
@@ -81,14 +89,20 @@ def mapped(stand: Stand, errors: MapErrors, rng: np.random.Generator) -> FixedMa
         _MAPPED_DIAMETER_SIGMA * diameters_m,
         np.full(m, "", dtype=np.str_),
     )
+    rows: IntArray = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int64)
+    return Mapped(made, rows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moment:
-    """One scan of a drive: where the robot is, what it perceives, how its wheels say it moved."""
+    """One scan of a drive: where the robot is, what it perceives, how its wheels say it moved.
+
+    `stems` (k,) is the stem of each perception, -1 for none.
+    """
 
     world_T_base: Pose2
     perceptions: Perceptions
+    stems: IntArray
     odometry: UncertainPose2 | None
 
 
@@ -127,7 +141,8 @@ def drive(
             pose = _anywhere(stand, rng)
             wheels = _wheels(Pose2(), rng)
         stamp_ns = round(k * SECONDS * 1e9)
-        moments.append(Moment(pose, perceive(stand, pose, stamp_ns, rng, diameters), wheels))
+        perceptions, stems = perceive(stand, pose, stamp_ns, rng, diameters=diameters)
+        moments.append(Moment(pose, perceptions, stems, wheels))
     return moments
 
 
@@ -136,9 +151,10 @@ def perceive(
     world_T_base: Pose2,
     stamp_ns: int,
     rng: np.random.Generator,
-    diameters: bool = True,  # noqa: FBT001 - as the stand
-) -> Perceptions:
-    """What a laser of 270 deg would show of the stems, a fifth missed, and one thing more."""
+    *,
+    diameters: bool = True,
+) -> tuple[Perceptions, IntArray]:
+    """What a laser of 270 deg would show, a fifth missed and one thing more, and whose it is."""
     base_t = world_T_base.inverse().transform(stand.world_t_stems)
     ranges_m, bearings = (
         np.hypot(base_t[:, 0], base_t[:, 1]),
@@ -155,7 +171,7 @@ def perceive(
     diameters_m = diameters_m * np.exp(_DIAMETER_SIGMA * rng.standard_normal(n))
     if not diameters:
         diameters_m = np.full(n, np.nan)
-    return Perceptions.from_arrays(
+    perceptions = Perceptions.from_arrays(
         stamp_ns,
         Kind.TREE,
         np.maximum(ranges_m + _RANGE_SIGMA_M * rng.standard_normal(n), 0.05),
@@ -164,12 +180,7 @@ def perceive(
         diameters_m=diameters_m,
         diameter_sigmas_m=_DIAMETER_SIGMA * diameters_m,
     )
-
-
-def without_diameters(stand_map: FixedMap) -> FixedMap:
-    """The same map, diameters unknown."""
-    nothing = np.full(len(stand_map), np.nan)
-    return replace(stand_map, diameters_m=nothing, diameter_sigmas_m=nothing)
+    return perceptions, np.append(rows, np.full(num_false, -1))
 
 
 def _wheels(motion: Pose2, rng: np.random.Generator) -> UncertainPose2:

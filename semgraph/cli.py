@@ -76,6 +76,8 @@ def _call_bench(parsed: argparse.Namespace) -> None:
     match parsed.bench:
         case "graph":
             commands.bench_graph(parsed.seeds, parsed.output)
+        case "localization":
+            commands.bench_localization(parsed.seeds, parsed.output, parsed.data)
         case "detectors":
             commands.bench_detectors(parsed.seeds, parsed.output, parsed.data)
 
@@ -173,6 +175,12 @@ def _add_bench(add_parser: _AddParser) -> None:
     graph = benches.add_parser("graph", help="beside the optimum with true associations")
     _add_seeds(graph, range(1, 51))
     _add_output(graph)
+    localization = benches.add_parser("localization", help="in known maps, given and real")
+    _add_seeds(localization, range(1, 101))
+    localization.add_argument(
+        "--data", type=Path, metavar="DIR", help="stem maps and real recordings, a folder each"
+    )
+    _add_output(localization)
 
 
 def _add_seeds(parser: argparse.ArgumentParser, default: range) -> None:

@@ -199,6 +199,13 @@ def bench_graph(seeds: Sequence[int], output: Path | None) -> None:
     _bench("graph", SECTIONS, seeds, output)
 
 
+def bench_localization(seeds: Sequence[int], output: Path | None, data: Path | None) -> None:
+    """Measures localization in known maps, prints and writes the figures."""
+    from evaluation.bench_localization import sections
+
+    _bench("localization", sections(data), seeds, output)
+
+
 def _bench(
     name: str, sections: Sequence["Section"], seeds: Sequence[int], output: Path | None
 ) -> None:
