@@ -140,7 +140,7 @@ def leaps(file: Path, seeds: Sequence[int]) -> list[Row]:
 
 
 def speed(file: Path, seeds: Sequence[int]) -> list[Row]:
-    """Times on one core; of the first seed."""
+    """Processor time, on one core; of the first seed."""
     rng = np.random.default_rng(seeds[0])
     run = try_it(file, _SHARP, seeds[0])
     return [
@@ -223,9 +223,9 @@ def _ten(trees: FixedMap, rng: np.random.Generator) -> Perceptions:
 
 
 def _timed(work: Callable[[], object]) -> float:
-    before = time.perf_counter()
+    before = time.process_time()
     work()
-    return time.perf_counter() - before
+    return time.process_time() - before
 
 
 def _ms(seconds: FloatArray) -> float:

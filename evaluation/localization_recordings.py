@@ -129,9 +129,9 @@ def wild_places(folder: Path, seeds: Sequence[int]) -> list[Row]:  # noqa: ARG00
     particles = ParticleFilter(likelihood, FilterSettings(), np.random.default_rng(0))
     for k in again[::_EVERY].tolist():
         particles.start_anywhere()
-        before = time.perf_counter()
+        before = time.process_time()
         belief = particles.step(frames.perceptions[k], still)
-        seconds.append(time.perf_counter() - before)
+        seconds.append(time.process_time() - before)
         off = belief.map_T_base.pose.between(Pose2.from_array(frames.poses[k]))
         errors.append((float(np.hypot(off.x, off.y)), abs(off.theta)))
         qualities.append(belief.quality)
@@ -146,7 +146,7 @@ def wild_places(folder: Path, seeds: Sequence[int]) -> list[Row]:  # noqa: ARG00
         Row(
             "error of sure frames, median", float(np.median(errors_m[sure])), "m", Better.LOWER, 0.5
         ),
-        Row("time a frame, median", float(np.median(seconds)), "s", Better.LOWER, 0.2),
+        Row("processor time a frame, median", float(np.median(seconds)), "s", Better.LOWER, 0.2),
     ]
 
 

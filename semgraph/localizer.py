@@ -199,6 +199,7 @@ class Localizer:
         step = self._fast.step(perceptions, motion)
         prior = last.map_T_base @ motion
         self._elsewhere.move(motion.pose, carried_off)
+        self._filter.usual.add(perceptions.ranges_m)
         evidence = self._evidence(perceptions, prior, step.map_T_base)
         self._elsewhere.weigh(evidence)
         quality = (1.0 - self._elsewhere.probability) * _share_within(step.map_T_base)
@@ -219,7 +220,8 @@ class Localizer:
         at_best = float(self._likelihood.log_likelihoods(seen, pose)[0])
         wide, narrow = Gaussian.of_pose(prior), Gaussian.of_pose(posterior)
         volume = -float(narrow.log_densities(narrow.mean[None])[0])
-        return at_best + volume + float(wide.log_densities(pose)[0])
+        by_numbers = self._filter.by_numbers(narrow.mean)
+        return at_best + volume + float(wide.log_densities(pose)[0]) + by_numbers
 
     def _search(
         self,

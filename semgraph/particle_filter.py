@@ -28,7 +28,7 @@ from semgraph.particles import (
 )
 from semgraph.pose_likelihood import LikelihoodSettings, PoseLikelihood
 from semgraph.pose_proposals import PoseProposals
-from semgraph.pose_quality import Elsewhere
+from semgraph.pose_quality import Elsewhere, UsualSight
 
 _SEEDS_EACH: Final = 40
 # Seeds and refined particles are drawn wider than what they stand for.
@@ -116,6 +116,7 @@ class ParticleFilter:
         self._proposals = PoseProposals(likelihood)
         self._settings = settings
         self._rng = rng
+        self.usual = UsualSight()
         # Particles of all places beside each other, and how certain it is that it is one of them.
         self._proposed: tuple[Particles, float] | None = None
         self.start_anywhere()
@@ -187,7 +188,9 @@ class ParticleFilter:
         self._move(motion, self._settings.carried_off if carried_off is None else carried_off)
         self._proposed = None
         if len(perceptions):
+            self.usual.add(perceptions.ranges_m)
             evidence = self._weigh(self._likelihood.see(perceptions))
+            evidence += self.by_numbers(self._particles.gaussian().mean)
             self._elsewhere.weigh(evidence)
             if self._elsewhere.probability > _PROPOSED_ABOVE or evidence < 0.0:
                 self._propose(perceptions if lately is None else lately)
@@ -206,6 +209,11 @@ class ParticleFilter:
             self._proposed is None and self._is_compact(),
             len(particles),
         )
+
+    def by_numbers(self, map_T_base: FloatArray) -> float:
+        """Log evidence for a place (3,) by how many things there are to be seen."""
+        sparseness = self._likelihood.sparseness(map_T_base[:2], self.usual.reach_m)
+        return self.usual.evidence(sparseness)
 
     def _is_compact(self) -> bool:
         return self._particles.gaussian().is_within(_COMPACT_M, _COMPACT_RAD)
@@ -306,6 +314,7 @@ class ParticleFilter:
             stands_for = self._region.log_densities(drawn, area_m2) - place.log_densities(drawn)
             log_likelihoods = self._likelihood.log_likelihoods(seen, drawn)
             poses.append(drawn)
+            log_likelihoods = log_likelihoods + self.by_numbers(place.mean)
             log_weights.append(stands_for + log_likelihoods - np.log(len(drawn)))
         places = np.repeat(np.arange(len(poses) - 1), _SEEDS_EACH)
         return np.concatenate(poses), np.concatenate(log_weights), places

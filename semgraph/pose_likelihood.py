@@ -76,6 +76,14 @@ class PoseLikelihood:
             np.log(np.maximum(1.0 - clutter, 1e-6))[:, None] + self._log_weights(perceptions),
         )
 
+    def sparseness(self, map_t_point: FloatArray, radius_m: float) -> float:
+        """One minus the number of landmarks in a circle by that in the mean of all places."""
+        if radius_m <= 0.0:
+            return 0.0
+        count = int(self._tree.query_ball_point(map_t_point, radius_m, return_length=True))
+        usual = len(self._map) / self._map.area_m2 * np.pi * radius_m**2
+        return float(1.0 - count / usual)
+
     def log_likelihoods(self, seen: Seen, map_T_bases: FloatArray) -> FloatArray:
         """(n,) log L of poses (n, 3).
 

@@ -52,7 +52,7 @@ class PoseProposals:
         self._likelihood = likelihood
         self._index = MapIndex(likelihood.fixed_map.constellation())
         self._longest_m = _longest_m(likelihood.fixed_map)
-        self._pairs = _pairs(likelihood.fixed_map.map_t_landmarks, self._longest_m)
+        self._pairs: _Pairs | None = None
 
     def propose(self, perceptions: Perceptions, seen: Seen) -> list[UncertainPose2]:
         """Places apart from each other that explain best what is seen.
@@ -79,7 +79,9 @@ class PoseProposals:
 
     def _by_pairs(self, seen: Seen) -> list[UncertainPose2]:
         """At most 30 places, refined."""
-        poses = self._candidates(seen)
+        if self._pairs is None:
+            self._pairs = _pairs(self._likelihood.fixed_map.map_t_landmarks, self._longest_m)
+        poses = self._candidates(seen, self._pairs)
         if not len(poses):
             return []
         sigma_m = float(np.sqrt(seen.variances.mean()))
@@ -131,22 +133,22 @@ class PoseProposals:
         rows = np.flatnonzero(logs.max(axis=1) > seen.log_clutter)
         return rows, columns[rows, best[rows]]
 
-    def _candidates(self, seen: Seen) -> FloatArray:
+    def _candidates(self, seen: Seen, pairs: _Pairs) -> FloatArray:
         """(n, 3) poses that lay two perceptions onto two landmarks that they may be."""
         found = [
-            self._of_pair(seen, first, second)
+            self._of_pair(seen, pairs, first, second)
             for first, second in _pairs_seen(seen, self._longest_m)
         ]
         return np.concatenate([np.zeros((0, 3)), *found])
 
-    def _of_pair(self, seen: Seen, first: int, second: int) -> FloatArray:
+    def _of_pair(self, seen: Seen, pairs: _Pairs, first: int, second: int) -> FloatArray:
         between = seen.base_t[second] - seen.base_t[first]
         length_m = float(np.hypot(*between))
         tolerance_m = float(np.sqrt(CHI2_2DOF_99 * seen.variances[[first, second]].sum()))
         low, high = np.searchsorted(
-            self._pairs.lengths_m, [length_m - tolerance_m, length_m + tolerance_m]
+            pairs.lengths_m, [length_m - tolerance_m, length_m + tolerance_m]
         )
-        i, j = self._pairs.firsts[low:high], self._pairs.seconds[low:high]
+        i, j = pairs.firsts[low:high], pairs.seconds[low:high]
         odds = seen.log_weights[first, i] + seen.log_weights[second, j]
         kept = np.flatnonzero(np.isfinite(odds))
         kept = kept[np.argsort(-odds[kept], kind="stable")[:_MOST_PER_PAIR]]

@@ -5,14 +5,20 @@ from typing import Final
 
 import numpy as np
 
+from semgraph.arrays import FloatArray
 from semgraph.geometry import Pose2
 
 # What fits by chance fits again as long as the same things are in sight: as far as one sees.
 _NEW_AFTER_M: Final = 15.0
 # What does not fit, something that the map lacks, does not fit again from nearby.
-_NEW_AGAINST_M: Final = 0.5
+_NEW_AGAINST_M: Final = 1.0
 _LEAST_AGAINST: Final = 0.1
 _LEAST: Final = 1e-12
+# Of so many scans it is remembered how much there was in sight.
+_REMEMBERED: Final = 50
+# How much is hidden differs from place to place: what numbers say is half believed, to a limit.
+_BELIEVED: Final = 0.5
+_MOST_BY_NUMBERS: Final = 3.0
 
 
 @dataclass(slots=True)
@@ -55,3 +61,31 @@ class Elsewhere:
         gone = np.log(max(self.gone, _LEAST)) - of_gone
         total = np.logaddexp.reduce([here, wrong, gone])
         self.wrong, self.gone = float(np.exp(wrong - total)), float(np.exp(gone - total))
+
+
+@dataclass(slots=True)
+class UsualSight:
+    """How many things are usually in sight, and how far one sees."""
+
+    number: float = 0.0
+    reach_m: float = 0.0
+    _num_scans: int = 0
+
+    def add(self, ranges_m: FloatArray) -> None:
+        """One scan more, with what is perceived at these ranges (k,)."""
+        self._num_scans = min(self._num_scans + 1, _REMEMBERED)
+        share = 1.0 / self._num_scans
+        self.number += share * (len(ranges_m) - self.number)
+        self.reach_m = max(float(ranges_m.max(initial=0.0)), (1.0 - share) * self.reach_m)
+
+    def evidence(self, sparseness: float) -> float:
+        """Log of how much better few things are explained where there are few.
+
+        By Poisson's law, for as many things as usually in sight.
+
+        Args:
+            sparseness: 1 where there is no landmark in reach, 0 where there are as many as in the
+                mean of all places of the map, negative where there are more.
+        """
+        by_numbers = _BELIEVED * self.number * sparseness
+        return float(np.clip(by_numbers, -_MOST_BY_NUMBERS, _MOST_BY_NUMBERS))
