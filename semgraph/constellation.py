@@ -24,11 +24,16 @@ _REACH_M: Final = 20.0
 _SIDE_SIGMAS: Final = 2.0
 # Less certain landmarks of the map propose no poses, but pair with what is seen.
 _SURE_SHARE: Final = 0.9
+# Finer cells and gates would cost, and tell nothing more.
+_LEAST_SIGMA_M: Final = 0.01
 _MAX_TRIANGLES: Final = 300
 _MAX_MATCHES: Final = 100_000
 _MAX_POINTS: Final = 40_000
 _MAX_SETTLED: Final = 64
 _CELL_SIGMAS: Final = 4.0
+# What is better than a rival with nearly as many pairs: half may be the map's errors and clutter.
+_NEARLY_AS_MANY: Final = 0.8
+_FEIGNED: Final = 0.5
 # Two named landmarks say more than many triangles.
 _NAMED_VOTES: Final = 100.0
 
@@ -66,10 +71,12 @@ class MapIndex:
     def __init__(self, mapped: Constellation, reach_m: float = _REACH_M) -> None:
         self._reach_m = reach_m
         self._mapped = MappedConstellation.of(mapped)
-        self._variance = float(np.quantile(mapped.variances, _SURE_SHARE)) if len(mapped) else 0.0
-        sure = np.flatnonzero(mapped.variances <= self._variance)
-        self._sure = sure
-        self._triangles = TriangleIndex(mapped.positions[sure], mapped.kinds[sure], reach_m)
+        typical = float(np.quantile(mapped.variances, _SURE_SHARE)) if len(mapped) else 0.0
+        self._variance = max(typical, _LEAST_SIGMA_M**2)
+        self._sure = np.flatnonzero(mapped.variances <= self._variance)
+        self._triangles = TriangleIndex(
+            mapped.positions[self._sure], mapped.kinds[self._sure], reach_m
+        )
 
     def place(self, seen: Constellation, max_placements: int = 10) -> tuple[Placement, ...]:
         """The placements of `seen`, the most probable first.
@@ -82,14 +89,16 @@ class MapIndex:
         centred = replace(seen, positions=seen.positions - middle)
         sigma_m = (self._variance + float(np.median(seen.variances))) ** 0.5
         poses, num_left_out = self._shortlist(centred, sigma_m)
-        gate_m = (CHI2_2DOF_999 * (self._variance + float(seen.variances.max()))) ** 0.5
-        likelihood = Likelihood(self._mapped, centred, gate_m)
+        # The trace: no axis has a larger variance.
+        gates_m = (CHI2_2DOF_999 * 2.0 * (self._variance + seen.variances)) ** 0.5
+        likelihood = Likelihood(self._mapped, centred, gates_m)
         settled = [likelihood.settle(Pose2.from_array(pose), 2.0 * sigma_m) for pose in poses]
         found = [each for each in settled if each is not None and _is_a_shape(each, seen)]
         distinct = _distinct(found)
-        log_odds = _against_all_others(
-            [each.log_odds for each in distinct], _left_out(settled, num_left_out)
-        )
+        if not distinct:
+            return ()
+        left_out = _left_out(distinct[0], settled, num_left_out)
+        log_odds = _against_all_others(distinct, left_out)
         local_T_centre = UncertainPose2(Pose2(*(-middle).tolist()), np.zeros((3, 3)))
         placements = [
             Placement(each.map_T_centre @ local_T_centre, each.rows, each.columns, odds)
@@ -221,25 +230,35 @@ def _distinct(found: Iterable[Hypothesis]) -> list[Hypothesis]:
     return kept
 
 
-def _left_out(settled: Sequence[Hypothesis | None], num_left_out: int) -> float:
+def _rival(hypothesis: Hypothesis, best: Hypothesis) -> float:
+    """Its log odds in the face of a better one, which may be better by chance alone."""
+    looks_alike = len(hypothesis.rows) >= _NEARLY_AS_MANY * len(best.rows)
+    behind = max(best.log_odds - hypothesis.log_odds, 0.0)
+    return hypothesis.log_odds + (_FEIGNED * behind if looks_alike else 0.0)
+
+
+def _left_out(best: Hypothesis, settled: Sequence[Hypothesis | None], num_left_out: int) -> float:
     """The log odds to fear of poses that were not settled: of the best of so many draws.
 
-    They are taken to be drawn as the worse half of the settled, in a normal distribution.
+    They are taken to be drawn as the worse half of the settled, where the best of n draws is
+    sqrt(2 ln n) sigma above the middle.
     """
     half = len(settled) // 2
     better = [each for each in settled[:half] if each is not None]
     worse = [each for each in settled[half:] if each is not None]
-    log_odds = [each.log_odds for each in worse if not _is_repeated(each, better)]
+    log_odds = [_rival(each, best) for each in worse if not _is_repeated(each, better)]
     num_draws = num_left_out * len(log_odds) / max(len(settled) - half, 1)
     if num_draws < 1.0:
         return -np.inf
-    return float(np.mean(log_odds) + np.std(log_odds) * (2.0 * np.log(num_draws)) ** 0.5)
+    middle, most = np.median(log_odds), max(log_odds)
+    sigmas_more = (np.log(1.0 + num_draws) / np.log(1.0 + len(log_odds))) ** 0.5
+    return float(middle + (most - middle) * max(sigmas_more, 1.0))
 
 
-def _against_all_others(log_odds: Sequence[float], left_out: float) -> list[float]:
-    """Of each against all others, being nowhere, and what was left out."""
-    own = np.array(log_odds)
+def _against_all_others(distinct: Sequence[Hypothesis], left_out: float) -> list[float]:
+    """Log odds of each against all others, being nowhere, and what was left out."""
+    rivals = [[_rival(other, each) for other in distinct if other is not each] for each in distinct]
     return [
-        float(odds - np.logaddexp.reduce([0.0, left_out, *np.delete(own, k)]))
-        for k, odds in enumerate(log_odds)
+        float(each.log_odds - np.logaddexp.reduce([0.0, left_out, *others]))
+        for each, others in zip(distinct, rivals, strict=True)
     ]

@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 
 from semgraph.arrays import BoolArray, FloatArray, IntArray, frozen_floats, frozen_ints
 from semgraph.errors import InputError
+from semgraph.landmarks import Kind
 
 _NUM_NEIGHBOURS: Final = 8
 _NUM_QUANTILES: Final = 64
@@ -68,7 +69,7 @@ class Constellation:
         rules = {
             "covariances: expected positive definite": (variances > 0.0).all()
             and (np.linalg.det(self.covariances) > 0.0).all(),
-            "kinds: expected codes of Kind": ((self.kinds >= 0) & (self.kinds < 8)).all(),
+            "kinds: expected codes of Kind": np.isin(self.kinds, list(Kind)).all(),
             "diameters: expected positive with a positive sigma": (sizes > 0.0).all()
             and np.isfinite(sizes).all(),
         }

@@ -22,8 +22,7 @@ _SEEN: Final = 0.85
 _UNMAPPED: Final = 0.15
 # That something elsewhere bears the same identity.
 _NAMESAKE: Final = 1e-3
-# By how much more than they say covariances may be wrong; where everything looks alike, the errors
-# of the map would else tell places apart.
+# By how much covariances of positions and diameters may be too small.
 _DOUBT: Final = 2.0
 # No prior for the pose: wider than any map, flat beside what two landmarks tell.
 _ANYWHERE: Final = np.diag([1e8, 1e8, 1e2])
@@ -31,7 +30,13 @@ _ANYWHERE: Final = np.diag([1e8, 1e8, 1e2])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
-    """A pose with its pairs, and its log odds against chance before any rival is heard."""
+    """A pose with its pairs.
+
+    Attributes:
+        map_T_centre: of what is seen.
+        rows, columns: (k,) seen and mapped.
+        log_odds: against chance, before any rival is heard.
+    """
 
     map_T_centre: UncertainPose2
     rows: IntArray
@@ -44,10 +49,18 @@ class Hypothesis:
 
 
 class Likelihood:
-    """Of what is seen, as a function of the pose of its centre in the map."""
+    """Of what is seen, as a function of the pose of its centre in the map.
 
-    def __init__(self, mapped: MappedConstellation, seen: Constellation, gate_m: float) -> None:
-        self._mapped, self._seen, self._gate_m = mapped, seen, gate_m
+    Args:
+        mapped: the map.
+        seen: about its centre.
+        gates_m: (n,) how far from a landmark seen a mapped one may be.
+    """
+
+    def __init__(
+        self, mapped: MappedConstellation, seen: Constellation, gates_m: FloatArray
+    ) -> None:
+        self._mapped, self._seen, self._gates_m = mapped, seen, gates_m
         self._view = _view(seen.positions)
         self._radius_m = float(np.linalg.norm(seen.positions, axis=1).max())
         self._densities = _densities(mapped, seen)
@@ -69,6 +82,12 @@ class Likelihood:
             pose = self._fitted(pose, rows, columns)
         log_odds = self._scene(pose.pose, 0.0).log_odds(rows, columns) + self._occam(pose)
         return Hypothesis(pose, rows, columns, log_odds) if np.isfinite(log_odds) else None
+
+    def _distances2(
+        self, pose: Pose2, rows: IntArray, columns: IntArray, covariances: FloatArray
+    ) -> FloatArray:
+        in_centre = pose.inverse().transform(self._mapped.landmarks.positions[columns])
+        return mahalanobis2(in_centre - self._seen.positions[rows], covariances)
 
     def _fitted(self, pose: UncertainPose2, rows: IntArray, columns: IntArray) -> UncertainPose2:
         return fuse_with_prior(
@@ -94,7 +113,7 @@ class Likelihood:
         """What there is to pair at a pose, and what it costs not to."""
         mapped, seen = self._mapped, self._seen
         places = pose.transform(seen.positions)
-        near = mapped.tree.query_ball_point(places, self._gate_m + slack_m2**0.5)
+        near = mapped.tree.query_ball_point(places, self._gates_m + slack_m2**0.5)
         rows = np.repeat(np.arange(len(seen)), [len(each) for each in near])
         columns = np.concatenate([np.asarray(each, dtype=np.int64) for each in near])
         gains = self._gains(pose, rows, columns, slack_m2)
@@ -111,16 +130,13 @@ class Likelihood:
     def _gains(self, pose: Pose2, rows: IntArray, columns: IntArray, slack_m2: float) -> FloatArray:
         """(k,) what pairs add to the log odds; -inf where they contradict."""
         mapped, seen = self._mapped.landmarks, self._seen
-        in_centre = pose.inverse().transform(mapped.positions[columns])
         covariances = self._covariances(pose, rows, columns) + slack_m2 * np.eye(2)
-        distances2 = mahalanobis2(in_centre - seen.positions[rows], covariances)
+        distances2 = self._distances2(pose, rows, columns, covariances)
         log_likelihoods = -0.5 * distances2 / _DOUBT - 0.5 * np.log(np.linalg.det(covariances))
         gains = log_likelihoods - np.log(2.0 * np.pi * _DOUBT * self._densities[rows] / _SEEN)
         gains += self._size_gains(rows, columns)
-        named, same = (
-            seen.identities[rows] != "",
-            seen.identities[rows] == mapped.identities[columns],
-        )
+        named = seen.identities[rows] != ""
+        same = seen.identities[rows] == mapped.identities[columns]
         gains -= np.where(named & same, np.log(_NAMESAKE), 0.0)
         allowed = (distances2 <= CHI2_2DOF_999) & (seen.kinds[rows] == mapped.kinds[columns])
         return np.where(allowed & (same | ~named), gains, -np.inf)
@@ -131,9 +147,9 @@ class Likelihood:
         gains = (
             diameter_log_likelihoods(
                 seen.diameters_m[rows],
-                seen.diameter_sigmas_m[rows],
+                _DOUBT**0.5 * seen.diameter_sigmas_m[rows],
                 mapped.diameters_m[columns],
-                mapped.diameter_sigmas_m[columns],
+                _DOUBT**0.5 * mapped.diameter_sigmas_m[columns],
             )
             - self._size_chances[rows]
         )
@@ -146,9 +162,9 @@ class Likelihood:
             rows = np.flatnonzero(seen.kinds == kind)
             each = diameter_log_likelihoods(
                 seen.diameters_m[rows, None],
-                seen.diameter_sigmas_m[rows, None],
+                _DOUBT**0.5 * seen.diameter_sigmas_m[rows, None],
                 quantiles_m[None],
-                np.full((1, len(quantiles_m)), sigma_m),
+                np.full((1, len(quantiles_m)), _DOUBT**0.5 * sigma_m),
             )
             if len(quantiles_m):
                 chances[rows] = np.logaddexp.reduce(each, axis=1) - np.log(len(quantiles_m))
@@ -189,8 +205,10 @@ class _Scene:
         """Of these pairs, all others unmapped or missed, against nothing of it being mapped."""
         unpaired = np.delete(self.unpaired, rows).sum()
         num_missed = len(np.setdiff1d(self.expected, columns))
-        gains = dict(zip(zip(self.rows, self.columns, strict=True), self.gains, strict=True))
-        pairs = sum(gains.get(pair, -np.inf) for pair in zip(rows, columns, strict=True))
+        is_paired = np.isin(self.rows + 1j * self.columns, rows + 1j * columns)
+        if is_paired.sum() < len(rows):
+            return -np.inf
+        pairs = self.gains[is_paired].sum()
         return float(pairs + unpaired + num_missed * np.log(1.0 - _SEEN))
 
 

@@ -97,7 +97,7 @@ def looked_at(seed: int) -> tuple[Constellation, Constellation, Pose2]:
     )
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(st.integers(0, 10_000))
 def test_without_noise_it_is_exact(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -121,7 +121,7 @@ def test_with_noise_misses_and_clutter_the_error_is_as_the_covariance_says(seed:
     assert len(seen) - 1 not in best.rows
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(-3.1, 3.1), st.integers(0, 99))
 def test_the_placement_moves_with_the_map(x: float, y: float, theta: float, seed: int) -> None:
     mapped, seen, _ = looked_at(seed)
@@ -133,7 +133,7 @@ def test_the_placement_moves_with_the_map(x: float, y: float, theta: float, seed
     assert pairs(after) == pairs(before)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(-3.1, 3.1), st.integers(0, 99))
 def test_the_local_frame_does_not_matter(x: float, y: float, theta: float, seed: int) -> None:
     mapped, seen, _ = looked_at(seed)

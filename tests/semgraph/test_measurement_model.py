@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from semgraph.arrays import FloatArray
 from semgraph.geometry import Pose2, wrap_angle
@@ -12,6 +12,7 @@ from semgraph.landmarks import Kind, Perceptions
 from semgraph.measurement_model import (
     CHI2_2DOF_99,
     CHI2_2DOF_999,
+    diameter_log_likelihoods,
     innovations,
     jacobians,
     mahalanobis2,
@@ -109,3 +110,12 @@ def test_the_gates_keep_their_share_of_true_sightings(gate: float, kept: float) 
     errors = rng.multivariate_normal(np.zeros(2), covariance, 100_000)
     share = (mahalanobis2(errors, np.tile(covariance, (len(errors), 1, 1))) <= gate).mean()
     assert share == pytest.approx(kept, abs=4.0 * math.sqrt(kept * (1.0 - kept) / len(errors)))
+
+
+def test_diameters_of_one_object_differ_by_both_sigmas_and_its_outline() -> None:
+    sigma_m = math.hypot(0.03, 0.02, 0.05 * 0.4)
+    found = diameter_log_likelihoods(
+        np.array([0.35, np.nan]), np.array([0.03, np.nan]), np.array([0.4]), np.array([0.02])
+    )
+    assert found[0] == pytest.approx(norm.logpdf(-0.05, 0.0, sigma_m))
+    assert np.isnan(found[1])
