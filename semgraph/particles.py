@@ -96,6 +96,11 @@ class Particles:
 
     def likeliest(self, radius_m: float) -> tuple[Gaussian, float]:
         """The place that holds most weight within a radius, and how much."""
+        whole = self.gaussian()
+        if whole.is_within(0.3 * radius_m, _BIN_RAD):
+            offsets = self.poses[:, :2] - whole.mean[:2]
+            within = np.square(offsets).sum(axis=1) <= radius_m**2
+            return whole, float(self.weights[within].sum())
         labels, _ = _bins(self.poses)
         heaviest = np.bincount(labels, self.weights).argmax()
         chosen = labels == heaviest
