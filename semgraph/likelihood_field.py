@@ -27,15 +27,19 @@ class Seen:
         kinds: (k,).
         covariances: (k, 2, 2) m2, in base, the map's own sigma included.
         log_clutter: (k,) log of the probability that it is of nothing in the map.
-        log_weights: (k, m) log of how much more a landmark may be it than any place in the map,
-            1/m2 still to come; -inf where it cannot.
+        diameters_m, diameter_sigmas_m: (k,) NaN where there is none.
+        identities: (k,) text.
+        usual: (k,) the density of such a diameter among the map's of its kind.
     """
 
     base_t: FloatArray
     kinds: IntArray
     covariances: FloatArray
     log_clutter: FloatArray
-    log_weights: FloatArray
+    diameters_m: FloatArray
+    diameter_sigmas_m: FloatArray
+    identities: NDArray[np.str_]
+    usual: FloatArray
 
     def __len__(self) -> int:
         return len(self.base_t)
@@ -100,9 +104,11 @@ class LikelihoodField:
             for kind in set(fixed_map.kinds.tolist())
         }
 
-    def log_likelihoods(self, seen: Seen, map_T_bases: FloatArray) -> FloatArray:
-        """(n,) of poses (n, 3)."""
-        tables = [self._table(seen, k) for k in range(len(seen))]
+    def log_likelihoods(
+        self, seen: Seen, map_T_bases: FloatArray, log_weights: FloatArray
+    ) -> FloatArray:
+        """(n,) of poses (n, 3); weights (k, m) as of `PoseLikelihood.log_weights`."""
+        tables = [self._table(seen, log_weights[k], k) for k in range(len(seen))]
         poses = map_T_bases.astype(np.float32)
         sums = np.zeros(len(poses), dtype=np.float32)
         for start in range(0, len(poses), _AT_ONCE):
@@ -127,13 +133,13 @@ class LikelihoodField:
             numbers = self._cells[int(seen.kinds[k])].numbers
             sums += table[numbers[row * np.int32(columns) + column]]
 
-    def _table(self, seen: Seen, k: int) -> Floats32 | None:
+    def _table(self, seen: Seen, log_weights: FloatArray, k: int) -> Floats32 | None:
         """(c,) the perception's log-likelihood by cell; None if the map has none of its kind."""
         cells = self._cells.get(int(seen.kinds[k]))
         if cells is None:
             return None
         own = self._variances + seen.variances[k] + self._grid.cell_m**2 / 12.0
-        peaks = np.exp(seen.log_weights[k]) / (2.0 * np.pi * own)
+        peaks = np.exp(log_weights) / (2.0 * np.pi * own)
         by_landmark = np.column_stack([peaks, -0.5 / own]).astype(np.float32)
         peak, fall = by_landmark[cells.landmarks].T
         clutter = np.float32(np.exp(seen.log_clutter[k]))

@@ -11,7 +11,6 @@ from typing import Final
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
-from scipy.special import logsumexp
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.geometry import UncertainPose2, wrap_angle
@@ -22,6 +21,7 @@ from semgraph.particles import (
     Particles,
     compose,
     kld_number,
+    log_sum,
     num_bins,
     systematic,
     volume_of_bins,
@@ -63,7 +63,7 @@ class FilterSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    least_particles: int = Field(400, ge=50, le=10_000)
+    least_particles: int = Field(300, ge=50, le=10_000)
     most_particles: int = Field(100_000, ge=1_000, le=2_000_000)
     carried_off: float = Field(1e-4, gt=0.0, lt=0.5)
     leaps: float = Field(1e-2, gt=0.0, lt=0.5)
@@ -249,7 +249,7 @@ class ParticleFilter:
             with np.errstate(divide="ignore"):
                 log_weights = np.log(self._particles.weights)
             log_weights = log_weights + self._likelihood.log_likelihoods(blurred, poses)
-        evidence = float(logsumexp(log_weights))
+        evidence = log_sum(log_weights)
         self._particles = Particles(poses, np.exp(log_weights - evidence))
         if not is_compact:
             self._resample()
@@ -262,7 +262,7 @@ class ParticleFilter:
             return
         rest = self._elsewhere.probability
         log_weights = log_weights + np.log(rest)
-        log_total = float(np.logaddexp(0.0, logsumexp(log_weights)))
+        log_total = float(np.logaddexp(0.0, log_sum(log_weights)))
         weights = np.exp(log_weights - log_total)
         followed = (1.0 - rest) * np.exp(-log_total)
         sums = np.bincount(places, weights)

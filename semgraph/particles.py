@@ -130,6 +130,12 @@ def compose(a_T_b: FloatArray, b_T_c: FloatArray) -> FloatArray:
     )
 
 
+def log_sum(logs: FloatArray) -> float:
+    """Log of the sum of what these (n,) are the logs of; n above 0, not all of nothing."""
+    largest = float(logs.max())
+    return largest + float(np.log(np.exp(logs - largest).sum()))
+
+
 def systematic(weights: FloatArray, n: int, rng: np.random.Generator) -> IntArray:
     """(n,) rows drawn by weight with one random number.
 

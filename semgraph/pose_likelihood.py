@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.fixed_map import FixedMap
 from semgraph.geometry import rotation, wrap_angle
-from semgraph.landmarks import Perceptions
+from semgraph.landmarks import Kind, Perceptions
 from semgraph.likelihood_field import LikelihoodField, Seen
 from semgraph.measurement_model import CHI2_2DOF_999, diameter_log_likelihoods
 
@@ -52,6 +52,7 @@ class PoseLikelihood:
 
     def __init__(self, fixed_map: FixedMap, settings: LikelihoodSettings) -> None:
         self._map = fixed_map
+        self._area_m2 = fixed_map.area_m2
         self._settings = settings
         self._tree = KDTree(fixed_map.map_t_landmarks)
         self._field: LikelihoodField | None = None
@@ -59,6 +60,10 @@ class PoseLikelihood:
         self._of_kind = {
             kind: np.flatnonzero(fixed_map.kinds == kind) for kind in set(fixed_map.kinds.tolist())
         }
+        # Of the map's area, by code of kind; what no landmark is gets none.
+        self._area_each = np.zeros(len(Kind))
+        for kind, columns in self._of_kind.items():
+            self._area_each[kind] = fixed_map.area_m2 / len(columns)
 
     @property
     def fixed_map(self) -> FixedMap:
@@ -73,15 +78,48 @@ class PoseLikelihood:
             perceptions.kinds,
             perceptions.base_covariances() + self._settings.map_sigma_m**2 * np.eye(2),
             np.log(clutter),
-            np.log(np.maximum(1.0 - clutter, 1e-6))[:, None] + self._log_weights(perceptions),
+            perceptions.diameters_m,
+            perceptions.diameter_sigmas_m,
+            perceptions.identities,
+            self._usual(perceptions),
         )
+
+    def log_weights(self, seen: Seen, rows: IntArray, columns: IntArray) -> FloatArray:
+        """Log of how much more a landmark may be a perception than any place of the map may.
+
+        Args:
+            seen: perceptions.
+            rows: of perceptions.
+            columns: of landmarks, broadcast with the rows.
+
+        Returns:
+            As broadcast, m2: the density at the landmark is still to come; -inf where it cannot.
+        """
+        kinds = seen.kinds[rows]
+        agreements = np.exp(
+            diameter_log_likelihoods(
+                seen.diameters_m[rows],
+                seen.diameter_sigmas_m[rows],
+                self._map.diameters_m[columns],
+                self._map.diameter_sigmas_m[columns],
+            )
+        )
+        ratios = (1.0 - _WRONG_DIAMETER) * agreements / seen.usual[rows] + _WRONG_DIAMETER
+        ratios = np.where(np.isnan(ratios), 1.0, ratios) * self._area_each[kinds]
+        is_named = seen.identities[rows] != ""
+        is_same = seen.identities[rows] == self._map.identities[columns]
+        ratios = np.where(is_named, self._area_m2, ratios)
+        may_be = (kinds == self._map.kinds[columns]) & (is_same | ~is_named)
+        detected = np.maximum(-np.expm1(seen.log_clutter[rows]), 1e-6)
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.log(np.where(may_be, ratios * detected, 0.0)))
 
     def sparseness(self, map_t_point: FloatArray, radius_m: float) -> float:
         """One minus the number of landmarks in a circle by that in the mean of all places."""
         if radius_m <= 0.0:
             return 0.0
         count = int(self._tree.query_ball_point(map_t_point, radius_m, return_length=True))
-        usual = len(self._map) / self._map.area_m2 * np.pi * radius_m**2
+        usual = len(self._map) / self._area_m2 * np.pi * radius_m**2
         return float(1.0 - count / usual)
 
     def log_likelihoods(self, seen: Seen, map_T_bases: FloatArray) -> FloatArray:
@@ -101,7 +139,8 @@ class PoseLikelihood:
                 return self._exact(seen, map_T_bases, columns, float(middle[2]))
         if self._field is None:
             self._field = LikelihoodField(self._map)
-        return self._field.log_likelihoods(seen, map_T_bases)
+        rows, columns = np.arange(len(seen))[:, None], np.arange(len(self._map))[None]
+        return self._field.log_likelihoods(seen, map_T_bases, self.log_weights(seen, rows, columns))
 
     def candidates(
         self, seen: Seen, map_T_base: FloatArray, moved_m: float, turned: float
@@ -132,7 +171,7 @@ class PoseLikelihood:
         map_t = base_to_map(map_T_bases, seen.base_t)[:, :, None]
         x, y = np.moveaxis(map_t - self._map.map_t_landmarks[columns], -1, 0)
         distances2 = (d * x * x - 2.0 * b * x * y + a * y * y) / determinant
-        peaks = np.where(columns >= 0, seen.log_weights[rows, columns], -np.inf)
+        peaks = np.where(columns >= 0, self.log_weights(seen, rows, columns), -np.inf)
         peaks = peaks - np.log(2.0 * np.pi * np.sqrt(determinant))
         logs: FloatArray = peaks - 0.5 * distances2
         return logs
@@ -145,40 +184,25 @@ class PoseLikelihood:
         total: FloatArray = np.log(sums).sum(axis=1)
         return total
 
-    def _log_weights(self, perceptions: Perceptions) -> FloatArray:
-        weights = np.full((len(perceptions), len(self._map)), -np.inf)
+    def _usual(self, perceptions: Perceptions) -> FloatArray:
+        """(k,) the mean density of each diameter over landmarks of its kind; 1 if unknown."""
+        usual = np.ones(len(perceptions))
         for kind, columns in self._of_kind.items():
             rows = np.flatnonzero(perceptions.kinds == kind)
-            if len(rows):
-                weights[np.ix_(rows, columns)] = self._log_ratios(perceptions.select(rows), columns)
-        named = np.flatnonzero(perceptions.identities != "")
-        if len(named):
-            same = perceptions.identities[named, None] == self._map.identities[None]
-            is_it = same & np.isfinite(weights[named])
-            weights[named] = np.where(is_it, np.log(self._map.area_m2), -np.inf)
-        return weights
-
-    def _log_ratios(self, perceptions: Perceptions, columns: IntArray) -> FloatArray:
-        """(k, c) of perceptions and landmarks of one kind: agreement of diameters by density."""
-        agreements = self._agreements(perceptions, columns)
-        sample = agreements[:, :: max(1, len(columns) // _SAMPLE)]
-        is_known = ~np.isnan(sample)
-        usual = np.where(is_known, sample, 0.0).sum(axis=1) / np.maximum(is_known.sum(axis=1), 1)
-        ratios = agreements / np.maximum(usual, _LEAST_USUAL)[:, None]
-        ratios = (1.0 - _WRONG_DIAMETER) * ratios + _WRONG_DIAMETER
-        density = len(columns) / self._map.area_m2
-        return np.log(np.where(np.isnan(ratios), 1.0, ratios) / density)
-
-    def _agreements(self, perceptions: Perceptions, columns: IntArray) -> FloatArray:
-        """(k, c) densities of a diameter, by m; NaN where one is unknown."""
-        return np.exp(
-            diameter_log_likelihoods(
-                perceptions.diameters_m[:, None],
-                perceptions.diameter_sigmas_m[:, None],
-                self._map.diameters_m[None, columns],
-                self._map.diameter_sigmas_m[None, columns],
+            sample = columns[:: max(1, len(columns) // _SAMPLE)]
+            densities = np.exp(
+                diameter_log_likelihoods(
+                    perceptions.diameters_m[rows, None],
+                    perceptions.diameter_sigmas_m[rows, None],
+                    self._map.diameters_m[None, sample],
+                    self._map.diameter_sigmas_m[None, sample],
+                )
             )
-        )
+            is_known = ~np.isnan(densities)
+            sums = np.where(is_known, densities, 0.0).sum(axis=1)
+            means = sums / np.maximum(is_known.sum(axis=1), 1)
+            usual[rows] = np.maximum(means, _LEAST_USUAL)
+        return usual
 
 
 def base_to_map(map_T_bases: FloatArray, base_t: FloatArray) -> FloatArray:

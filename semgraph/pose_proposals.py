@@ -149,7 +149,9 @@ class PoseProposals:
             pairs.lengths_m, [length_m - tolerance_m, length_m + tolerance_m]
         )
         i, j = pairs.firsts[low:high], pairs.seconds[low:high]
-        odds = seen.log_weights[first, i] + seen.log_weights[second, j]
+        one_of, other_of = (np.full(len(i), row) for row in (first, second))
+        odds = self._likelihood.log_weights(seen, one_of, i)
+        odds = odds + self._likelihood.log_weights(seen, other_of, j)
         kept = np.flatnonzero(np.isfinite(odds))
         kept = kept[np.argsort(-odds[kept], kind="stable")[:_MOST_PER_PAIR]]
         landmarks = self._likelihood.fixed_map.map_t_landmarks

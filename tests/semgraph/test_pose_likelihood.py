@@ -1,5 +1,7 @@
 """Likelihoods of poses: exact and by the field, what they are normalised by, what they ignore."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
@@ -36,12 +38,7 @@ def test_the_mean_over_the_map_is_one() -> None:
     one = np.random.default_rng(2)
     low, high = trees.bounds()
     poses = np.column_stack([one.uniform(low, high, (400_000, 2)), one.uniform(-3.2, 3.2, 400_000)])
-    first = type(seen)(
-        *(
-            getattr(seen, name)[:1]
-            for name in ("base_t", "kinds", "covariances", "log_clutter", "log_weights")
-        )
-    )
+    first = type(seen)(*(getattr(seen, each.name)[:1] for each in fields(seen)))
     # Where the perceived point falls outside the box it meets nothing; hence a little below 1.
     mean = np.exp(model.log_likelihoods(first, poses)).mean()
     assert 0.75 < mean < 1.1
@@ -54,7 +51,8 @@ def test_the_field_agrees_with_the_exact_likelihood() -> None:
     rng = np.random.default_rng(3)
     poses = POSE.as_array() + rng.normal(0.0, [0.2, 0.2, 0.01], (200, 3))
     exact = model.log_likelihoods(seen, poses)
-    coarse = LikelihoodField(trees).log_likelihoods(seen, poses)
+    weights = model.log_weights(seen, np.arange(len(seen))[:, None], np.arange(len(trees))[None])
+    coarse = LikelihoodField(trees).log_likelihoods(seen, poses, weights)
     assert np.corrcoef(exact, coarse)[0, 1] > 0.95
     assert np.abs(exact - coarse).max() < 0.15 * np.abs(exact).max()
 
