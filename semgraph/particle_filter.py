@@ -117,6 +117,8 @@ class ParticleFilter:
         self._settings = settings
         self._rng = rng
         self.usual = UsualSight()
+        # Whether the particles stand for anything, or are as good as none.
+        self._follows = False
         # Particles of all places beside each other, and how certain it is that it is one of them.
         self._proposed: tuple[Particles, float] | None = None
         self.start_anywhere()
@@ -150,6 +152,7 @@ class ParticleFilter:
         self._particles = Particles.alike(poses)
         self._elsewhere = doubt or Elsewhere(_START_ERRS)
         self._region = _Region((map_T_base.pose.x, map_T_base.pose.y), _NEAR_M, _IS_NEAR)
+        self._follows = True
         self._blur = (0.0, 0.0)
         self._proposed = None
 
@@ -165,7 +168,8 @@ class ParticleFilter:
         self._particles = Particles.alike(np.column_stack([map_t_points, headings]))
         self._region = region
         self._blur = _blur(2.0 * np.pi * area_m2 / n)
-        rest = _START_ERRS if n > self._settings.least_particles else 1.0 - 1e-9
+        self._follows = n > self._settings.least_particles
+        rest = _START_ERRS if self._follows else 1.0 - 1e-9
         self._elsewhere = Elsewhere(rest)
         self._proposed = None
 
@@ -189,9 +193,11 @@ class ParticleFilter:
         self._proposed = None
         if len(perceptions):
             self.usual.add(perceptions.ranges_m)
-            evidence = self._weigh(self._likelihood.see(perceptions))
-            evidence += self.by_numbers(self._particles.gaussian().mean)
-            self._elsewhere.weigh(evidence)
+            evidence = 0.0
+            if self._follows:
+                evidence = self._weigh(self._likelihood.see(perceptions))
+                evidence += self.by_numbers(self._particles.gaussian().mean)
+                self._elsewhere.weigh(evidence)
             if self._elsewhere.probability > _PROPOSED_ABOVE or evidence < 0.0:
                 self._propose(perceptions if lately is None else lately)
         return self.belief(perceptions.stamp_ns)
@@ -205,7 +211,7 @@ class ParticleFilter:
         return Belief(
             stamp_ns,
             place.pose(),
-            certain * share,
+            min(certain * share, 1.0),
             self._proposed is None and self._is_compact(),
             len(particles),
         )
@@ -235,6 +241,7 @@ class ParticleFilter:
         x, y = place.mean[:2].tolist()
         here = 1.0 - self._elsewhere.probability
         self._region = _Region((x, y), radius_m, min(here, _START_IS_RIGHT))
+        self._follows = False
         self._elsewhere = Elsewhere(1.0 - 1e-9)
         self._proposed = None
 
@@ -285,6 +292,7 @@ class ParticleFilter:
         self._blur = (0.0, 0.0)
         self._elsewhere = Elsewhere(1.0 - certain, driven_m=0.0)
         self._region = _Region()
+        self._follows = True
 
     def _refined(self, seen: Seen) -> tuple[FloatArray, FloatArray]:
         """Particles where prior and scan agree, half of them where the prior alone has them.
