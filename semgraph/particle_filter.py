@@ -6,13 +6,13 @@ was seen lately, all of it at once and anew after each scan, and weighed by what
 stand for (importance sampling). The place that wins is followed from then on.
 """
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from semgraph.arrays import FloatArray, IntArray
+from semgraph.belief import Belief, Region
 from semgraph.geometry import UncertainPose2, wrap_angle
 from semgraph.landmarks import Perceptions
 from semgraph.likelihood_field import Seen
@@ -70,42 +70,6 @@ class FilterSettings(BaseModel):
     likelihood: LikelihoodSettings = LikelihoodSettings()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Belief:
-    """What the filter believes after a scan.
-
-    Attributes:
-        stamp_ns: of the scan.
-        map_T_base: the likeliest place, with the covariance of the particles there.
-        quality: the probability that the robot is within 1 m of it.
-        is_one: whether all particles are at one place.
-        num_particles: how many there are.
-    """
-
-    stamp_ns: int
-    map_T_base: UncertainPose2
-    quality: float
-    is_one: bool
-    num_particles: int
-
-
-@dataclass(frozen=True, slots=True)
-class _Region:
-    """Where the rest is: within a radius of a point by a share, else all over the map."""
-
-    map_t_point: tuple[float, float] = (0.0, 0.0)
-    radius_m: float = 1.0
-    share: float = 0.0
-
-    def log_densities(self, map_T_bases: FloatArray, area_m2: float) -> FloatArray:
-        """(n,) of poses (n, 3), by m2 and rad."""
-        offsets = map_T_bases[:, :2] - self.map_t_point
-        is_inside = np.hypot(offsets[:, 0], offsets[:, 1]) <= self.radius_m
-        within = self.share * is_inside / (np.pi * self.radius_m**2)
-        densities: FloatArray = np.log((within + (1.0 - self.share) / area_m2) / (2.0 * np.pi))
-        return densities
-
-
 class ParticleFilter:
     """The belief about one robot's pose in one map; it starts anywhere in it."""
 
@@ -128,7 +92,7 @@ class ParticleFilter:
         fixed_map = self._likelihood.fixed_map
         n = self._num_spread(fixed_map.area_m2)
         points = self._rng.uniform(*fixed_map.bounds(), (n, 2))
-        self._spread(points, fixed_map.area_m2, _Region())
+        self._spread(points, fixed_map.area_m2, Region())
 
     def start_within(self, map_t_point: FloatArray, radius_m: float) -> None:
         """The robot is within a radius of a point (2,), its heading unknown."""
@@ -137,7 +101,7 @@ class ParticleFilter:
         out_m = radius_m * np.sqrt(self._rng.uniform(0.0, 1.0, n))
         around = np.column_stack([np.cos(angles), np.sin(angles)]) * out_m[:, None]
         x, y = map_t_point.tolist()
-        region = _Region((x, y), radius_m, _START_IS_RIGHT)
+        region = Region((x, y), radius_m, _START_IS_RIGHT)
         self._spread(map_t_point + around, np.pi * radius_m**2, region)
 
     @property
@@ -151,7 +115,7 @@ class ParticleFilter:
         poses = gaussian.draw(self._settings.least_particles, self._rng)
         self._particles = Particles.alike(poses)
         self._elsewhere = doubt or Elsewhere(_START_ERRS)
-        self._region = _Region((map_T_base.pose.x, map_T_base.pose.y), _NEAR_M, _IS_NEAR)
+        self._region = Region((map_T_base.pose.x, map_T_base.pose.y), _NEAR_M, _IS_NEAR)
         self._follows = True
         self._blur = (0.0, 0.0)
         self._proposed = None
@@ -162,7 +126,7 @@ class ParticleFilter:
         is_fine = _blur(2.0 * np.pi * area_m2 / most)[0] <= _COARSEST_M
         return most if is_fine else self._settings.least_particles
 
-    def _spread(self, map_t_points: FloatArray, area_m2: float, region: _Region) -> None:
+    def _spread(self, map_t_points: FloatArray, area_m2: float, region: Region) -> None:
         n = len(map_t_points)
         headings = self._rng.uniform(-np.pi, np.pi, n)
         self._particles = Particles.alike(np.column_stack([map_t_points, headings]))
@@ -240,7 +204,7 @@ class ParticleFilter:
         place, _ = self._particles.likeliest(_WITHIN_M)
         x, y = place.mean[:2].tolist()
         here = 1.0 - self._elsewhere.probability
-        self._region = _Region((x, y), radius_m, min(here, _START_IS_RIGHT))
+        self._region = Region((x, y), radius_m, min(here, _START_IS_RIGHT))
         self._follows = False
         self._elsewhere = Elsewhere(1.0 - 1e-9)
         self._proposed = None
@@ -291,7 +255,7 @@ class ParticleFilter:
         self._particles = Particles.alike(place.poses[systematic(place.weights, n, self._rng)])
         self._blur = (0.0, 0.0)
         self._elsewhere = Elsewhere(1.0 - certain, driven_m=0.0)
-        self._region = _Region()
+        self._region = Region()
         self._follows = True
 
     def _refined(self, seen: Seen) -> tuple[FloatArray, FloatArray]:

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from semgraph.alignment import fuse_with_prior
+from semgraph.belief import Belief
 from semgraph.fixed_map import FixedMap
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Kind, Perceptions
-from semgraph.particle_filter import Belief, FilterSettings, ParticleFilter
+from semgraph.particle_filter import FilterSettings, ParticleFilter
 from semgraph.particles import Particles, kld_number, num_bins, systematic
 from semgraph.pose_likelihood import LikelihoodSettings, PoseLikelihood
 from semgraph.pose_quality import Elsewhere
