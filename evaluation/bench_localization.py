@@ -108,13 +108,11 @@ def kidnappings(file: Path, seeds: Sequence[int]) -> list[Row]:
     both = [one and other for one, other in zip(noticed, found, strict=True)]
     hours = sum(len(run.errors_m) for run in runs) * SECONDS / 3600.0
     alarms = sum(false_alarms(run) for run in runs)
-    wrong = np.concatenate([run.is_confidently_wrong for run in runs])
     return [
         _share("kidnappings noticed within 3 m and found within 10 m", both, 0.97),
         _share("kidnappings noticed within 3 m", noticed, 0.97),
         _share("kidnappings found again within 10 m", found, 0.97),
         _at_most("false alarms", alarms / hours, "1/h", 1.0),
-        _at_most("poses confidently wrong", float(wrong.mean()), "", 0.01),
     ]
 
 

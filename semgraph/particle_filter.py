@@ -305,12 +305,12 @@ class ParticleFilter:
         bins = num_bins(particles.poses[systematic(particles.weights, len(particles), self._rng)])
         n = int(np.clip(kld_number(bins), settings.least_particles, settings.most_particles))
         poses = particles.poses[systematic(particles.weights, n, self._rng)]
-        is_compact = Particles.alike(poses).gaussian().is_within(_COMPACT_M, _COMPACT_RAD)
-        self._blur = (0.0, 0.0) if is_compact else _blur(volume_of_bins(bins) / n)
-        noise = self._rng.standard_normal((n, 3)) * (self._blur[0], self._blur[0], self._blur[1])
-        poses = poses + noise
+        # A particle that was weighed with a blur stands for all within it.
+        sigma_m, sigma_rad = self._blur
+        poses = poses + self._rng.standard_normal((n, 3)) * (sigma_m, sigma_m, sigma_rad)
         poses[:, 2] = wrap_angle(poses[:, 2])
         self._particles = Particles.alike(poses)
+        self._blur = (0.0, 0.0) if self._is_compact() else _blur(volume_of_bins(bins) / n)
 
 
 # At what distance a turn matters as much as a move.
