@@ -2,12 +2,13 @@
 
 import time
 from collections.abc import Callable, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evaluation.bench_table import Row, SectionRows, print_table, write_csv, write_markdown
-from semgraph.errors import SemgraphError
+from semgraph.errors import InputError, SemgraphError, known_names
 from semgraph.progress import Report, progress
 from semgraph.staging import staged_folder
 
@@ -15,15 +16,43 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 Figures = Callable[[Sequence[int]], list[Row]]
+# Figures are functions of seeds alone; whom they tell is the bench's business.
+_told: ContextVar[Callable[[float], None]] = ContextVar("told")
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """Figures that belong together; `work` is their share of the time, for what is left of it."""
+    """Figures that belong together; `work` is their share of the time, for what is left of it.
+
+    `asked_only`: takes so long that it is measured only where it is asked for by name.
+    """
 
     name: str
     figures: tuple[Figures, ...]
     work: float
+    asked_only: bool = False
+
+
+def tell(share: float) -> None:
+    """How much of the figures at hand is done, 0 to 1; heard within `measure`."""
+    told = _told.get(None)
+    if told is not None:
+        told(share)
+
+
+def chosen(sections: Sequence[Section], names: Sequence[str]) -> tuple[Section, ...]:
+    """The sections whose names begin with one of the names; without any, all that need no asking.
+
+    Raises:
+        InputError: no section begins with a name.
+    """
+    if not names:
+        return tuple(section for section in sections if not section.asked_only)
+    known = [section.name for section in sections]
+    for name in names:
+        if not any(each.startswith(name) for each in known):
+            raise InputError(f"no section {name!r}, {known_names(name, known)}")
+    return tuple(each for each in sections if each.name.startswith(tuple(names)))
 
 
 def bench(
@@ -55,24 +84,44 @@ def measure(
     measured, before = [], 0.0
     for section in sections:
         report.note(section.name)
-        measured.append(_measure(section, seeds, report, (before / whole, section.work / whole)))
+        share = _Share(report, section, before / whole, section.work / whole)
+        measured.append(_measure(section, seeds, share))
         before += section.work
     return tuple(measured)
 
 
-def _measure(
-    section: Section, seeds: Sequence[int], report: Report, shares: tuple[float, float]
-) -> SectionRows:
-    """`shares` of the whole work: done before, and this section's."""
-    before, own = shares
+@dataclass(slots=True)
+class _Share:
+    """Tells a report how far a section is, whose own share of the work comes after `before`."""
+
+    report: Report
+    section: Section
+    before: float
+    own: float
+    figure: int = 0
+    last: int = 0
+
+    def tell(self, share: float) -> None:
+        """Within the figures at hand; a percent at a time."""
+        done = (self.figure + share) / len(self.section.figures)
+        percent = round(100.0 * (self.before + self.own * done))
+        if percent > self.last:
+            self.last = percent
+            self.report.done(percent)
+        self.report.note(f"{self.section.name}, {done:.0%}")
+
+
+def _measure(section: Section, seeds: Sequence[int], share: _Share) -> SectionRows:
     started = time.perf_counter()
     rows: list[Row] = []
     left_out = ""
-    for k, figures in enumerate(section.figures, start=1):
-        try:
+    token = _told.set(share.tell)
+    try:
+        for share.figure, figures in enumerate(section.figures):
             rows += figures(seeds)
-        except SemgraphError as error:
-            left_out = " ".join(str(error).split())
-            break
-        report.done(round(100.0 * (before + own * k / len(section.figures))))
+            share.tell(1.0)
+    except SemgraphError as error:
+        left_out = " ".join(str(error).split())
+    finally:
+        _told.reset(token)
     return SectionRows(section.name, tuple(rows), time.perf_counter() - started, left_out)

@@ -3,14 +3,17 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from evaluation import bench_faults, bench_long, bench_real, bench_replay
 from evaluation.alignment import rigid_alignment
 from evaluation.bench import Section
-from evaluation.bench_runs import each_seed, known, run_course
+from evaluation.bench_runs import known, run_course
 from evaluation.bench_table import Better, Row
+from evaluation.bench_workers import each_seed
 from evaluation.consistency import bounds_of_mean, gauge, landmark_nees, pose_nees
 from evaluation.landmarks import compare_map
 from evaluation.oracle import Oracle, oracle
@@ -19,10 +22,15 @@ from semgraph.results import RunResult
 from semgraph.settings import Settings
 from sensors.truth import Source
 
-_COURSE: Final = "course:perceptions"
+Options = Mapping[str, object]
+
+STEM_MAPS: Final = Path("stem_maps")
+_ROUND: Final = "course:perceptions"
+_EIGHT: Final = "course:eight"
 _WIDE: Final = {"track_radius_m": 60.0, "num_trees": 200, "max_range_m": 15.0, "lap_s": 135.0}
-# The paper's course shows 16 trees a scan.
-_DISTURBED: Final = {"clutter": 3.2, "missed": 0.2}
+_ODOMETRY: Final = {"odometry": True}
+_BLIND: Final = {"num_blind": 3, "blind_s": 1.0}
+_MOVING: Final = {"moving": 0.05}
 _WRONG_SIGHTINGS: Final = 3
 
 
@@ -85,16 +93,16 @@ def _map_rmse(source: Source, best: Oracle) -> float:
     return rmse(np.linalg.norm(aligned - true, axis=1))
 
 
-def _trial(options: Mapping[str, object], seed: int) -> Outcome:
-    source, result = run_course(_COURSE, seed=seed, **options)
+def _trial(course: str, options: Options, seed: int) -> Outcome:
+    source, result = run_course(course, seed=seed, **options)
     return outcome(source, result, oracle(source, Settings()))
 
 
 def _figures(
-    rows: Callable[[Sequence[Outcome]], list[Row]], options: Mapping[str, object]
+    rows: Callable[[Sequence[Outcome]], list[Row]], course: str, options: Options
 ) -> Callable[[Sequence[int]], list[Row]]:
     def figures(seeds: Sequence[int]) -> list[Row]:
-        return rows(each_seed(partial(_trial, options), seeds))
+        return rows(each_seed(partial(_trial, course, options), seeds))
 
     return figures
 
@@ -131,7 +139,7 @@ def as_good_as_the_oracle(outcomes: Sequence[Outcome]) -> list[Row]:
 
 
 def disturbed(outcomes: Sequence[Outcome]) -> list[Row]:
-    """With clutter and misses."""
+    """With clutter, misses, blindness or what moves."""
     ratio = float(np.median([each.path_ratio for each in outcomes]))
     return [
         Row("path, RMSE / oracle's, median", ratio, "", Better.LOWER, 1.2),
@@ -154,11 +162,60 @@ def _honest(what: str, nees: np.floating, dof: int, num_runs: int) -> list[Row]:
     ]
 
 
-SECTIONS: Final = (
-    Section("paper, no odometry", (_figures(as_good_as_the_oracle, {}),), 1.0),
-    Section("paper, odometry", (_figures(as_good_as_the_oracle, {"odometry": True}),), 1.0),
-    Section("wide, no odometry", (_figures(as_good_as_the_oracle, _WIDE),), 1.6),
-    Section("wide, odometry", (_figures(as_good_as_the_oracle, {**_WIDE, "odometry": True}),), 1.6),
-    Section("rows, no odometry", (_figures(as_good_as_the_oracle, {"rows": True}),), 2.0),
-    Section("paper, 20 % clutter, 20 % missed", (_figures(disturbed, _DISTURBED),), 1.2),
-)
+def _beside(name: str, work: float, course: str, *parts: Options) -> Section:
+    """A course beside the oracle."""
+    options = {key: value for part in parts for key, value in part.items()}
+    return Section(name, (_figures(as_good_as_the_oracle, course, options),), work)
+
+
+def _disturbed(name: str, work: float, course: str, *parts: Options) -> Section:
+    """A course on which perception is worse than the estimator is told."""
+    options = {key: value for part in parts for key, value in part.items()}
+    return Section(f"disturbed {name}", (_figures(disturbed, course, options),), work)
+
+
+def _clutter(trees_a_scan: float) -> Options:
+    """A fifth of all perceptions is false and a fifth of the trees missed."""
+    return {"clutter": 0.2 * trees_a_scan, "missed": 0.2}
+
+
+def courses(data: Path) -> tuple[Section, ...]:
+    """Simulated courses; the stem maps of some are files of real data.
+
+    `longleaf` is an open stand, with clearings from which no tree is in sight for seconds; `waka` a
+    dense one, whose eight of 1 km is driven two and a half times.
+    """
+    longleaf, waka = (
+        {"stem_map": data / STEM_MAPS / name} for name in ("longleaf.csv", "waka.csv")
+    )
+    all_at_once: Options = {**_BLIND, **_MOVING}
+    return (
+        _beside("paper, no odometry", 1.0, _ROUND),
+        _beside("paper, odometry", 1.0, _ROUND, _ODOMETRY),
+        _beside("wide, no odometry", 1.6, _ROUND, _WIDE),
+        _beside("wide, odometry", 1.6, _ROUND, _WIDE, _ODOMETRY),
+        _beside("eight longleaf, no odometry", 4.5, _EIGHT, longleaf),
+        _beside("eight longleaf, odometry", 4.5, _EIGHT, longleaf, _ODOMETRY),
+        _beside("eight waka, no odometry", 12.0, _EIGHT, waka),
+        _beside("eight waka, odometry", 12.0, _EIGHT, waka, _ODOMETRY),
+        _beside("rows, no odometry", 2.0, _ROUND, {"rows": True}),
+        _beside("rows, odometry", 2.0, _ROUND, {"rows": True}, _ODOMETRY),
+        _disturbed("paper, clutter and misses", 1.6, _ROUND, _clutter(16.0)),
+        _disturbed("paper, blindness", 1.2, _ROUND, _BLIND),
+        _disturbed("paper, moving things", 1.2, _ROUND, _MOVING),
+        _disturbed("paper, all at once", 2.6, _ROUND, _clutter(16.0), all_at_once),
+        _disturbed("wide, all at once", 3.5, _ROUND, _WIDE, _clutter(10.0), all_at_once),
+        _disturbed("eight waka, all at once", 15.0, _EIGHT, waka, _clutter(27.0), all_at_once),
+        _disturbed("rows, all at once", 4.5, _ROUND, {"rows": True}, _clutter(19.0), all_at_once),
+    )
+
+
+def sections(data: Path) -> tuple[Section, ...]:
+    """All figures of the graph; `data` is the folder of the real recordings."""
+    return (
+        *courses(data),
+        *bench_real.sections(data),
+        bench_replay.SECTION,
+        bench_faults.SECTION,
+        *bench_long.SECTIONS,
+    )

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from evaluation.bench import Figures, Section
-from evaluation.bench_runs import each_seed
 from evaluation.bench_table import Better, Row
+from evaluation.bench_workers import each_seed
 from evaluation.localization_recordings import car_park, mrclam, wild_places
 from evaluation.localization_runs import Run, Trial, try_it, without
 from evaluation.localization_trials import SECONDS, MapErrors, Stand, mapped, perceive

@@ -1,16 +1,14 @@
 """Figures of whole runs on simulated courses: the paper's, a person in the wood, felled trees."""
 
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context
 from typing import Final, TypeVar
 
 import numpy as np
 
 from evaluation.alignment import Alignment
 from evaluation.bench_table import Better, Row
+from evaluation.bench_workers import each_seed
 from evaluation.landmarks import compare_map
 from evaluation.trajectory import compare_path, rmse
 from semgraph.arrays import FloatArray
@@ -98,12 +96,6 @@ class _Felled:
     num_lost: int
 
 
-def each_seed(trial: Callable[[int], Value], seeds: Sequence[int]) -> list[Value]:
-    """The outcome of each seed, in processes beside each other."""
-    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
-        return list(pool.map(trial, seeds))
-
-
 def known(value: Value | None) -> Value:
     """What a simulated course always has."""
     if value is None:
@@ -114,9 +106,13 @@ def known(value: Value | None) -> Value:
 def run_course(course: str, **options: object) -> tuple[Source, RunResult]:
     """A course with its truth, and a run over it with the default settings."""
     source = open_source(course, options)
+    return source, run_source(source)
+
+
+def run_source(source: Source) -> RunResult:
+    """A run with the default settings."""
     settings = Settings()
-    perceiver = Perceiver(source.recording, settings)
-    return source, run(source.recording, settings, perceiver, Silence(), {})
+    return run(source.recording, settings, Perceiver(source.recording, settings), Silence(), {})
 
 
 def _paper_lap(seed: int) -> _Lap:

@@ -13,8 +13,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from evaluation.alignment import Alignment
-from evaluation.bench_runs import each_seed, known
+from evaluation.bench_runs import known
 from evaluation.bench_table import Better, Row
+from evaluation.bench_workers import each_seed
 from evaluation.trajectory import compare_path, rmse
 from semgraph.arrays import FloatArray
 from semgraph.estimates import Trajectory

@@ -14,6 +14,7 @@ from evaluation.trajectory import PathErrors, compare_path, relative_errors, rms
 from semgraph.estimates import Trajectory
 from semgraph.geometry import Pose2
 from semgraph.results import LOOP_CLOSED, RunResult
+from semgraph.smoothed import Online
 from sensors.truth import TruePath, Truth
 
 RELATIVE_LENGTHS_M = (10, 50, 100)
@@ -51,6 +52,8 @@ def judge(result: RunResult, truth: Truth) -> tuple[Metric, ...]:
     if truth.path is not None:
         metrics += _of_trajectory(result.smoothed, truth.path, "")
         metrics += _of_trajectory(result.fast, truth.path, "fast_")
+        if result.online is not None:
+            metrics += _of_trajectory(result.online.trajectory, truth.path, "online_")
     world_T_map = path_alignment(result.smoothed, truth)
     matched = compare_map(result.landmarks, truth, world_T_map)
     metrics += _of_map(result, matched)
@@ -172,8 +175,19 @@ def _of_run(result: RunResult) -> Iterator[Metric]:
         for name, share in (("median", 0.5), ("p99", 0.99)):
             latency_ms = 1e3 * float(np.quantile(result.fast_seconds, share))
             yield Metric(f"fast_latency_{name}_ms", latency_ms, "ms", Direction.LOWER)
+    if result.online is not None:
+        yield from _of_online(result.online)
     closures = [event for event in result.events if event.lower().startswith(LOOP_CLOSED)]
     yield _count("num_loop_closures", len(closures))
+
+
+def _of_online(online: Online) -> Iterator[Metric]:
+    if len(online.delays_s):
+        for name, share in (("median", 0.5), ("p99", 0.99), ("max", 1.0)):
+            delay_s = float(np.quantile(online.delays_s, share))
+            yield Metric(f"online_delay_{name}_s", delay_s, "s", Direction.LOWER)
+    yield _count("online_lag_max_scans", int(online.lags.max(initial=0)), Direction.LOWER)
+    yield _count("online_restarts", online.num_restarts, Direction.LOWER)
 
 
 def _metres(name: str, value: float) -> Metric:

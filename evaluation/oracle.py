@@ -52,9 +52,7 @@ def oracle(source: Source, settings: Settings) -> Oracle:
     """
     recording, truth = source.recording, _Known.of(source)
     tracker = FastEstimator(settings.tracker, recording.map_T_start)
-    smoother = settings.smoother
-    sigmas = np.array([smoother.start_sigma_m, smoother.start_sigma_m, smoother.start_sigma_rad])
-    graph = FactorGraph(UncertainPose2(recording.map_T_start, np.diag(sigmas**2)))
+    graph = FactorGraph(UncertainPose2(recording.map_T_start, settings.smoother.start_covariance))
     perceiver, stamps_ns = Perceiver(recording, settings), list[int]()
     map_T_world, odom_T_last = recording.map_T_start, recording.map_T_start
     for moment in moments(recording, perceiver, YawRateLog()):
@@ -132,13 +130,9 @@ class _Known:
 def _sight(graph: FactorGraph, perceptions: Perceptions, rows: IntArray, map_T_base: Pose2) -> None:
     """As the smoother weighs it: an unreliable perception less."""
     places = map_T_base.transform(perceptions.base_t_landmarks())
-    reliabilities = np.maximum(perceptions.reliabilities, 0.05)
-    covariances = perceptions.covariances / reliabilities[:, None, None]
+    known = set(graph.landmarks())
     for k in np.flatnonzero(rows >= 0).tolist():
         landmark = int(rows[k])
-        if landmark not in graph.landmarks():
+        if landmark not in known:
             graph.add_landmark(landmark, places[k])
-        range_m, bearing = float(perceptions.ranges_m[k]), float(perceptions.bearings[k])
-        graph.add_sighting(
-            Sighting(graph.num_poses - 1, landmark, range_m, bearing, covariances[k])
-        )
+        graph.add_sighting(Sighting.of(perceptions, k, graph.num_poses - 1, landmark))

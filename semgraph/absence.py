@@ -112,6 +112,5 @@ def _is_perceived(
 
 def _lie_well(missed: GraphLandmark, sighted: GraphLandmark) -> bool:
     """Whether both were seen at about the same time."""
-    last = max(missed.scans)
-    reach = range(last - _SEEN_TOGETHER_SCANS, last + _SEEN_TOGETHER_SCANS + 1)
-    return not sighted.scans.isdisjoint(reach)
+    last = missed.scans.last
+    return sighted.scans.touches(last - _SEEN_TOGETHER_SCANS, last + _SEEN_TOGETHER_SCANS)

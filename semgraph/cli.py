@@ -1,6 +1,7 @@
 """The command line. Each command imports what it needs when it is called."""
 
 import argparse
+import math
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -10,10 +11,13 @@ from semgraph.errors import SemgraphError
 
 _AddParser = Callable[..., argparse.ArgumentParser]
 _MAX_SEEDS = 10_000
+_DATA = Path("..", "shared", "data")
 _SOURCES = """\
 sources:
   course:paper            the paper's round course from laser scans (--set seed=1, odometry=true)
   course:forest           a dense stand on uneven ground (person=true, felled=true, stem_map=FILE)
+  course:eight            a figure of eight through a real stand (stem_map=FILE)
+  course:lanes            a wood driven lane by lane (--set length_m=2000)
   course:rocks            rocks on rough ground, by a depth camera (--set rock_share=0.05)
   course:car-park         reflecting posts, by a laser; course:markers: AprilTags, by a camera
   course:perceptions      the paper's with perceptions ready made (--set clutter=1)
@@ -26,7 +30,10 @@ sources:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The exit status: 0, 1 after a known error told in one line, 2 for wrong usage."""
-    parsed = _parser().parse_args(arguments)
+    parser = _parser()
+    parsed = parser.parse_args(arguments)
+    if parsed.command == "run" and not parsed.online and parsed.speed != math.inf:
+        parser.error("--speed X: expected --online with it")
     try:
         _call(parsed)
     except SemgraphError as error:
@@ -41,20 +48,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _call(parsed: argparse.Namespace) -> None:
     from semgraph import commands
 
+    own = {"localize": _call_localize, "bench": _call_bench}
+    if parsed.command in own:
+        own[parsed.command](parsed)
+        return
     match parsed.command:
         case "demo":
             commands.demo(parsed.output)
         case "run":
-            commands.run(parsed.source, parsed.output, parsed.settings, parsed.set, parsed.live)
-        case "localize":
-            commands.localize(
+            commands.run(
                 parsed.source,
-                parsed.map,
                 parsed.output,
                 parsed.settings,
                 parsed.set,
-                pose=parsed.start,
-                circle=parsed.radius,
+                parsed.live,
+                parsed.speed if parsed.online else None,
             )
         case "detect":
             commands.detect(parsed.source, parsed.output, parsed.settings, parsed.set)
@@ -62,12 +70,26 @@ def _call(parsed: argparse.Namespace) -> None:
             commands.simulate(parsed.source, parsed.folder, parsed.set)
         case "evaluate":
             commands.evaluate(parsed.folder)
+        case "explain":
+            commands.explain(parsed.folder, parsed.landmark)
         case "compare":
             commands.compare(parsed.first, parsed.second)
         case "view":
             commands.view(parsed.folder)
-        case "bench":
-            _call_bench(parsed)
+
+
+def _call_localize(parsed: argparse.Namespace) -> None:
+    from semgraph.localize_command import localize
+
+    localize(
+        parsed.source,
+        parsed.map,
+        parsed.output,
+        parsed.settings,
+        parsed.set,
+        pose=parsed.start,
+        circle=parsed.radius,
+    )
 
 
 def _call_bench(parsed: argparse.Namespace) -> None:
@@ -75,9 +97,11 @@ def _call_bench(parsed: argparse.Namespace) -> None:
 
     match parsed.bench:
         case "graph":
-            commands.bench_graph(parsed.seeds, parsed.output)
+            commands.bench_graph(parsed.seeds, parsed.output, parsed.data, parsed.only)
+        case "online":
+            commands.bench_online(parsed.seeds, parsed.output)
         case "localization":
-            commands.bench_localization(parsed.seeds, parsed.output, parsed.data)
+            commands.bench_localization(parsed.seeds, parsed.output, parsed.data, parsed.only)
         case "detectors":
             commands.bench_detectors(parsed.seeds, parsed.output, parsed.data)
 
@@ -100,6 +124,18 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="settings whose filters and detectors may be changed while the run goes on",
     )
+    run.add_argument(
+        "--online",
+        action="store_true",
+        help="the graph in a process of its own, that corrects the fast pose and never holds it up",
+    )
+    run.add_argument(
+        "--speed",
+        type=_speed,
+        default=math.inf,
+        metavar="X",
+        help="play the recording at X times real time (default: as fast as it goes)",
+    )
 
     _add_localize(commands.add_parser)
     _add_with_source(
@@ -121,6 +157,11 @@ def _parser() -> argparse.ArgumentParser:
     ):
         command = commands.add_parser(name, help=what)
         command.add_argument("folder", type=Path, metavar="DIR", help="the results of a run")
+    explain = commands.add_parser("explain", help="what a run decided of its landmarks, and why")
+    explain.add_argument("folder", type=Path, metavar="DIR", help="the results of a run")
+    explain.add_argument(
+        "--landmark", type=int, metavar="N", help="the story of one, by its id in map.csv"
+    )
     compare = commands.add_parser("compare", help="how far two runs of one recording are apart")
     compare.add_argument("first", type=Path, metavar="DIR", help="the results of a run")
     compare.add_argument("second", type=Path, metavar="DIR", help="the results of another")
@@ -167,30 +208,59 @@ def _add_bench(add_parser: _AddParser) -> None:
     bench = add_parser("bench", help="measure figures of detectors and graph, and their targets")
     benches = bench.add_subparsers(dest="bench", required=True, metavar="WHAT")
     detectors = benches.add_parser("detectors", help="on simulated measurements and whole runs")
-    _add_seeds(detectors, range(101, 125))
+    _add_seeds(detectors, range(101, 125), "up to an hour")
     detectors.add_argument(
         "--data", type=Path, metavar="DIR", help="real recordings, with the folder car_park"
     )
     _add_output(detectors)
     graph = benches.add_parser("graph", help="beside the optimum with true associations")
-    _add_seeds(graph, range(1, 51))
+    _add_seeds(graph, range(1, 51), "some hours")
+    _add_data(graph, "; `long` is measured only if asked for")
     _add_output(graph)
     localization = benches.add_parser("localization", help="in known maps, given and real")
-    _add_seeds(localization, range(1, 101))
-    localization.add_argument(
-        "--data", type=Path, metavar="DIR", help="stem maps and real recordings, a folder each"
-    )
+    _add_seeds(localization, range(1, 101), "up to an hour")
+    _add_data(localization)
     _add_output(localization)
+    online = benches.add_parser("online", help="of the graph in a process of its own, in real time")
+    _add_seeds(online, range(1, 4), "some minutes")
+    _add_output(online)
 
 
-def _add_seeds(parser: argparse.ArgumentParser, default: range) -> None:
+def _add_data(parser: argparse.ArgumentParser, more: str = "") -> None:
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=_DATA,
+        metavar="DIR",
+        help=f"the real recordings and stem maps (default: {_DATA})",
+    )
+    parser.add_argument(
+        "--only",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help=f"sections that begin with this, may be repeated{more}",
+    )
+
+
+def _add_seeds(parser: argparse.ArgumentParser, default: range, takes: str) -> None:
     parser.add_argument(
         "--seeds",
         type=_seeds,
         default=default,
         metavar="A-B",
-        help=f"of the simulated worlds (default: {default[0]}-{default[-1]}, up to an hour)",
+        help=f"of the simulated worlds (default: {default[0]}-{default[-1]}, {takes})",
     )
+
+
+def _speed(text: str) -> float:
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = math.nan
+    if not speed > 0.0:
+        raise argparse.ArgumentTypeError(f"expected a positive number, got {text!r}")
+    return speed
 
 
 def _seeds(text: str) -> range:

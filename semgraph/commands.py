@@ -1,6 +1,7 @@
 """What the commands do: the file that brings sources, detectors, pipeline and judge together."""
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -12,15 +13,17 @@ from evaluation.metrics import Metric
 from evaluation.report import evaluate_folder, table_rows
 from evaluation.trajectory import trajectory_difference
 from evaluation.truth_files import write_truth
-from semgraph import localization, pipeline, results, staging, viewer
+from semgraph import explaining, pipeline, results, staging, viewer
 from semgraph.detecting import Effort, Efforts, write_detections
-from semgraph.given_maps import read_given_map
-from semgraph.localizer import Estimator, start_of
+from semgraph.errors import SemgraphError
+from semgraph.online import OnlineSmoother
+from semgraph.pacing import Pace
 from semgraph.perceiving import Perceiver
 from semgraph.progress import progress
 from semgraph.settings import Settings, load_settings
 from semgraph.trace import Trace
 from sensors.catalog import open_source, source_options
+from sensors.measurements import Recording
 from sensors.plain_perceptions import PERCEPTIONS_FILE
 from sensors.plain_writing import write
 
@@ -31,8 +34,6 @@ DEMO_SOURCE: Final = "course:perceptions"
 RESULTS: Final = Path("results")
 RUN_RRD: Final = "run.rrd"
 DETECTIONS_PNG: Final = "detections.png"
-LOCALIZATION_PNG: Final = "localization.png"
-_SURE_ABOVE: Final = 0.95
 _NUM_SHOWN: Final = 6
 
 
@@ -42,13 +43,16 @@ def run(
     settings_file: Path | None,
     assignments: Sequence[str],
     live: Path | None = None,
+    online_speed: float | None = None,
 ) -> None:
     """Runs a source, writes its results, and prints what came out.
 
-    `live` is a settings file that is looked at between scans.
+    `live` is a settings file that is looked at between scans. With `online_speed` the graph is in
+    a process of its own, and the recording is played so many times as fast as it was made.
 
     Raises:
-        SemgraphError: anything that a user can put right.
+        SemgraphError: anything that a user can put right; the graph was lost on the way (then the
+            results are written without it).
     """
     console = Console(soft_wrap=True)
     settings = load_settings(settings_file, assignments)
@@ -56,61 +60,39 @@ def run(
         opened = open_source(source, settings.source)
     folder = output or staging.new_results_folder(RESULTS, datetime.now().astimezone())
     perceiver, trace = Perceiver(opened.recording, settings, live), Trace()
-    effective = _effective(source, settings, perceiver)
-    with results.staged_results(folder) as staged:
-        recording = opened.recording
+    effective = effective_settings(source, settings, perceiver)
+    recording = opened.recording
+    pace = None if online_speed is None else Pace(online_speed)
+    with (
+        results.staged_results(folder) as staged,
+        _online(pace, recording, settings) as graph,
+    ):
         with progress(console, recording.name, recording.num_scans) as report:
-            result = pipeline.run(recording, settings, perceiver, report, effective, trace)
+            result = pipeline.run(
+                recording, settings, perceiver, report, effective, trace, graph, pace
+            )
         results.write_files(result, staged)
         write_truth(staged, opened.truth)
         viewer.write_recording(result, staged / RUN_RRD, trace.instants)
         metrics = evaluate_folder(staged)
     unlinked = staging.point_latest(folder) if output is None else None
     _print_comparison(console, metrics)
+    if result.online is not None:
+        console.print(result.online.summary)
     _print_next(console, folder, unlinked)
+    if result.online is not None and result.online.lost:
+        raise SemgraphError(
+            f"graph given up: {result.online.lost}; the fast estimate stands, see {folder}"
+        )
 
 
-def localize(
-    source: str,
-    map_file: Path,
-    output: Path | None,
-    settings_file: Path | None,
-    assignments: Sequence[str],
-    *,
-    pose: Sequence[float] | None = None,
-    circle: Sequence[float] | None = None,
-) -> None:
-    """Finds and follows the robot of a source in a known map, writes and prints what came out.
-
-    Raises:
-        SemgraphError: anything that a user can put right.
-    """
-    from evaluation.figures import draw_localization
-
-    console = Console(soft_wrap=True)
-    settings = load_settings(settings_file, assignments)
-    with console.status(f"reading {source} and {map_file}"):
-        opened = open_source(source, settings.source)
-        landmarks = read_given_map(map_file, settings.localizer.listed_sigma_m)
-    folder = output or staging.new_results_folder(RESULTS, datetime.now().astimezone())
-    perceiver, recording = Perceiver(opened.recording, settings), opened.recording
-    effective = _effective(source, settings, perceiver)
-    start = start_of(pose, circle)
-    with results.staged_results(folder) as staged:
-        with progress(console, recording.name, recording.num_scans) as report:
-            result = localization.localize(
-                recording, landmarks, start, settings, perceiver, report, effective
-            )
-        localization.write_localization(result, staged)
-        write_truth(staged, opened.truth)
-        viewer.write_recording(result.run, staged / RUN_RRD)
-        metrics = evaluate_folder(staged)
-        draw_localization(result, staged / LOCALIZATION_PNG)
-    unlinked = staging.point_latest(folder) if output is None else None
-    _print_localized(console, result, metrics)
-    if unlinked is not None:
-        console.print(f"results/latest could not be set: {unlinked}")
-    console.print(f"written: {folder}, look at {folder / LOCALIZATION_PNG}")
+def _online(
+    pace: Pace | None, recording: Recording, settings: Settings
+) -> AbstractContextManager[OnlineSmoother | None]:
+    """The graph in a process of its own, where that is asked for."""
+    if pace is None:
+        return nullcontext()
+    return OnlineSmoother(settings.smoother, settings.online, recording.map_T_start)
 
 
 def simulate(source: str, folder: Path, assignments: Sequence[str]) -> None:
@@ -141,6 +123,13 @@ def evaluate(folder: Path) -> None:
     for row in table_rows(metrics):
         table.add_row(*row)
     console.print(table)
+
+
+def explain(folder: Path, landmark: int | None) -> None:
+    """Prints what a run decided of its landmarks, when and why."""
+    console = Console(soft_wrap=True)
+    for line in explaining.explain(results.read(folder), landmark):
+        console.print(line, markup=False, highlight=False)
 
 
 def compare(first: Path, second: Path) -> None:
@@ -180,7 +169,7 @@ def detect(
             file = staged / PERCEPTIONS_FILE
             seen = write_detections(recording, perceiver, file, report, _NUM_SHOWN)
         draw_detections(recording.name, seen, staged / DETECTIONS_PNG)
-        results.write_settings(staged, _effective(source, settings, perceiver))
+        results.write_settings(staged, effective_settings(source, settings, perceiver))
     _print_efforts(console, efforts.table(), perceiver.bank.faults)
     console.print(f"written: {folder}, look at {folder / DETECTIONS_PNG}")
 
@@ -192,18 +181,37 @@ def bench_detectors(seeds: Sequence[int], output: Path | None, data: Path | None
     _bench("detectors", (*SECTIONS, car_park(data)), seeds, output)
 
 
-def bench_graph(seeds: Sequence[int], output: Path | None) -> None:
-    """Measures the graph's figures beside the oracle's, prints and writes them."""
-    from evaluation.bench_graph import SECTIONS
+def bench_graph(seeds: Sequence[int], output: Path | None, data: Path, only: Sequence[str]) -> None:
+    """Measures the graph's figures beside the oracle's, prints and writes them.
 
-    _bench("graph", SECTIONS, seeds, output)
+    Raises:
+        InputError: no section begins with a name of `only`.
+    """
+    from evaluation.bench import chosen
+    from evaluation.bench_graph import sections
+
+    _bench("graph", chosen(sections(data), only), seeds, output)
 
 
-def bench_localization(seeds: Sequence[int], output: Path | None, data: Path | None) -> None:
-    """Measures localization in known maps, prints and writes the figures."""
+def bench_online(seeds: Sequence[int], output: Path | None) -> None:
+    """Measures what the graph beside it costs the scan path, prints and writes it."""
+    from evaluation.bench_online import SECTIONS
+
+    _bench("online", SECTIONS, seeds, output)
+
+
+def bench_localization(
+    seeds: Sequence[int], output: Path | None, data: Path, only: Sequence[str]
+) -> None:
+    """Measures localization in known maps, prints and writes the figures.
+
+    Raises:
+        InputError: no section begins with a name of `only`.
+    """
+    from evaluation.bench import chosen
     from evaluation.bench_localization import sections
 
-    _bench("localization", sections(data), seeds, output)
+    _bench("localization", chosen(sections(data), only), seeds, output)
 
 
 def _bench(
@@ -217,7 +225,7 @@ def _bench(
     console.print(f"written: {folder}")
 
 
-def _effective(source: str, settings: Settings, perceiver: Perceiver) -> dict[str, Any]:
+def effective_settings(source: str, settings: Settings, perceiver: Perceiver) -> dict[str, Any]:
     """All settings as they hold, defaults included."""
     effective = settings.model_dump(mode="json")
     options = source_options(source).model_validate(settings.source)
@@ -244,28 +252,6 @@ def _print_efforts(console: Console, efforts: Sequence[Effort], faults: Sequence
         console.print(fault)
 
 
-def _print_localized(
-    console: Console, result: localization.LocalizationResult, metrics: Sequence[Metric]
-) -> None:
-    """How sure, how accurate, by which estimator."""
-    sure = [each for each in result.localized if each.quality >= _SURE_ABOVE]
-    fast = sum(each.estimator is Estimator.FAST for each in result.localized)
-    total = len(result.localized)
-    console.print(
-        f"{len(sure)} of {total} poses are within 1 m by {100 * _SURE_ABOVE:.0f} % or more; "
-        f"{fast} by the fast estimator, {total - fast} by particles"
-    )
-    if sure:
-        seconds = (sure[0].stamp_ns - result.localized[0].stamp_ns) * 1e-9
-        console.print(f"found after {seconds:.1f} s, at {sure[0].map_T_base.pose}")
-    errors = {metric.name: metric.value for metric in metrics}
-    if "trajectory_rmse_unaligned_m" in errors:
-        fast_rmse = errors.get("fast_trajectory_rmse_unaligned_m")
-        alone = "" if fast_rmse is None else f" (fast estimator alone {fast_rmse:.3f} m)"
-        rmse_m = errors["trajectory_rmse_unaligned_m"]
-        console.print(f"RMSE in the map's frame, all poses: {rmse_m:.3f} m{alone}")
-
-
 _COMPARED: Final = (
     ("trajectory, rigidly aligned, RMSE", "trajectory_rmse_m"),
     ("trajectory, rigidly aligned, median", "trajectory_median_m"),
@@ -275,13 +261,19 @@ _COMPARED: Final = (
 
 
 def _print_comparison(console: Console, metrics: Sequence[Metric]) -> None:
-    """One table: the fast estimator and the graph side by side."""
+    """One table: the fast estimator, what the graph made of it in time, and in the end."""
     values = {metric.name: metric.value for metric in metrics}
-    table = Table("error in m", "fast", "smoothed")
+    estimates = {"fast": "fast_", "online": "online_", "smoothed": ""}
+    shown = {
+        label: prefix
+        for label, prefix in estimates.items()
+        if any(f"{prefix}{name}" in values for _, name in _COMPARED)
+    }
+    table = Table("error in m", *shown)
     for label, name in _COMPARED:
-        if name in values:
-            fast = values.get(f"fast_{name}")
-            table.add_row(label, "" if fast is None else f"{fast:.3f}", f"{values[name]:.3f}")
+        errors = [values.get(f"{prefix}{name}") for prefix in shown.values()]
+        if any(error is not None for error in errors):
+            table.add_row(label, *("" if error is None else f"{error:.3f}" for error in errors))
     if table.row_count:
         console.print(table)
     else:

@@ -1,7 +1,7 @@
 """What the graph is made of: odometry and sightings, as values and as GTSAM's factors."""
 
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Self
 
 import gtsam
 import numpy as np
@@ -10,10 +10,12 @@ from gtsam.symbol_shorthand import L, X
 from semgraph.arrays import FloatArray
 from semgraph.errors import GraphError
 from semgraph.geometry import Pose2, UncertainPose2, frozen_covariance
+from semgraph.landmarks import Perceptions
 
 # A sighting within this chi-square is taken as it is, one beyond it ever less (DCS; Agarwal 2013).
-_ROBUST_CHI2: Final = 13.8155
+ROBUST_CHI2: Final = 13.8155
 _LEAST_RANGE_M: Final = 1e-3
+_LEAST_RELIABILITY: Final = 0.05
 
 
 @dataclass(slots=True, eq=False)
@@ -21,7 +23,7 @@ class Sighting:
     """One bearing-range factor: pose `pose` saw landmark `landmark`.
 
     `covariance` (2, 2) is of (range, bearing). `landmark` changes when landmarks are merged,
-    `slot` is the factor's place in iSAM2.
+    `track` tells the stretch of sightings that it came with, `slot` is its place in iSAM2.
     """
 
     pose: int
@@ -29,7 +31,23 @@ class Sighting:
     range_m: float
     bearing: float
     covariance: FloatArray
+    track: int = -1
     slot: int = field(default=-1, init=False)
+
+    @classmethod
+    def of(
+        cls, perceptions: Perceptions, row: int, pose: int, landmark: int, track: int = -1
+    ) -> Self:
+        """A perception as a sighting; the less reliable, the less it weighs."""
+        reliability = max(float(perceptions.reliabilities[row]), _LEAST_RELIABILITY)
+        return cls(
+            pose,
+            landmark,
+            float(perceptions.ranges_m[row]),
+            float(perceptions.bearings[row]),
+            perceptions.covariances[row] / reliability,
+            track,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +66,18 @@ def check_sighting(sighting: Sighting) -> None:
             f"sighting of landmark {sighting.landmark}: expected a positive range and a finite "
             f"bearing, got {sighting.range_m} m and {sighting.bearing} rad"
         )
+    if _is_surely_definite(sighting.covariance):
+        return
     covariance = frozen_covariance("sighting covariance", sighting.covariance, 2)
     check_definite(f"sighting of landmark {sighting.landmark}", covariance)
+
+
+def _is_surely_definite(covariance: FloatArray) -> bool:
+    """Whether a (2, 2) is well-behaved; there are millions, and numpy takes its time for each."""
+    if covariance.shape != (2, 2):
+        return False
+    (a, b), (c, d) = covariance.tolist()
+    return bool(0.0 < a < np.inf and 0.0 < d < np.inf and b == c and a * d - b * b > 1e-9 * a * d)
 
 
 def check_definite(name: str, covariance: FloatArray) -> None:
@@ -73,12 +101,19 @@ def odometry_factor(odometry: Odometry) -> gtsam.BetweenFactorPose2:
     return gtsam.BetweenFactorPose2(X(odometry.start), X(odometry.end), motion, noise)
 
 
-def sighting_factor(sighting: Sighting) -> gtsam.BearingRangeFactor2D:
-    """A sighting, by a robust kernel; GTSAM's order is bearing first."""
-    noise = gtsam.noiseModel.Robust.Create(
-        gtsam.noiseModel.mEstimator.DCS.Create(_ROBUST_CHI2),
-        gtsam.noiseModel.Gaussian.Covariance(sighting.covariance[::-1, ::-1]),
+def sighting_factor(sighting: Sighting, *, is_firm: bool = False) -> gtsam.BearingRangeFactor2D:
+    """A sighting; GTSAM's order is bearing first.
+
+    Args:
+        sighting: that passed `check_sighting`.
+        is_firm: without the robust kernel, however far off it is.
+    """
+    noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(
+        sighting.covariance[::-1, ::-1]
     )
+    if not is_firm:
+        kernel = gtsam.noiseModel.mEstimator.DCS.Create(ROBUST_CHI2)
+        noise = gtsam.noiseModel.Robust.Create(kernel, noise)
     return gtsam.BearingRangeFactor2D(
         X(sighting.pose),
         L(sighting.landmark),

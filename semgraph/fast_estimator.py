@@ -17,6 +17,7 @@ from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
 from semgraph.motion_model import MotionNoise, constant_motion
 from semgraph.navigation_map import Averaging, NavigationMap
 
+_MOST_TURNS: Final = 200
 _KNOWN_START: Final = np.diag([1e-6**2, 1e-6**2, 1e-6**2])
 
 
@@ -140,12 +141,14 @@ class FastEstimator:
     def _rotations(self, perceptions: Perceptions, map_T_proposed: UncertainPose2) -> FloatArray:
         """Zero first, then ever larger, as far as the motion model may err.
 
-        One step moves the farthest landmark by half the search radius.
+        One step moves the farthest landmark by half the search radius; what seems to lie
+        kilometres away does not make them endless.
         """
         reach = max(float(perceptions.ranges_m.max(initial=1.0)), 1.0)
         step = 0.5 * self._settings.search_radius_m / reach
         sigma = float(map_T_proposed.covariance[2, 2]) ** 0.5
         limit = min(self._settings.sweep_max_rad, 2.0 * sigma)
+        step = max(step, limit / _MOST_TURNS)
         turns = step * np.arange(1, int(limit / step) + 1)
         return np.concatenate([[0.0], np.column_stack([turns, -turns]).ravel()])
 

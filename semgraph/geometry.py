@@ -138,8 +138,9 @@ def frozen_covariance(name: str, values: FloatArray, size: int) -> FloatArray:
         InputError: not finite, not symmetric, or not positive semi-definite.
     """
     covariance = frozen_floats(name, values, (size, size))
-    scale = float(np.abs(covariance).max(initial=0.0))
-    if not np.allclose(covariance, covariance.T, atol=1e-9 * scale, rtol=1e-6):
+    sizes = np.abs(covariance)
+    scale = float(sizes.max(initial=0.0))
+    if not (np.abs(covariance - covariance.T) <= 1e-9 * scale + 1e-6 * sizes).all():
         raise InputError(f"{name}: expected a symmetric matrix")
     symmetric = 0.5 * (covariance + covariance.T)
     if float(np.linalg.eigvalsh(symmetric)[0]) < -1e-9 * scale:

@@ -7,7 +7,7 @@ A semantic object is a tree, a rock or a marker with a reliability. Two speciali
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from semgraph.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
 from semgraph.errors import InputError
 from semgraph.geometry import Pose2, frozen_covariance, rotation, wrap_angle
+
+LEAST_RANGE_M: Final = 1e-3
 
 
 class Kind(IntEnum):
@@ -157,7 +159,7 @@ class Perceptions:
     Attributes:
         stamp_ns: when they were perceived.
         kinds: (n,) codes of `Kind`.
-        ranges_m: (n,) to the centre, > 0.
+        ranges_m: (n,) to the centre, 1 mm or more: nearer there is no bearing.
         bearings: (n,) rad, 0 ahead, counter-clockwise.
         covariances: (n, 2, 2) of (range, bearing).
         diameters_m, diameter_sigmas_m: (n,) NaN where there is none.
@@ -204,7 +206,7 @@ class Perceptions:
         sigmas = self.diameter_sigmas_m[has_diameter]
         rules = {
             "kinds: expected codes of Kind": _CLASSES.keys() >= set(self.kinds.tolist()),
-            "ranges: expected above 0 m": (self.ranges_m > 0.0).all(),
+            "ranges: expected 1 mm or more": (self.ranges_m >= LEAST_RANGE_M).all(),
             "covariances: expected symmetric positive definite": (variances > 0.0).all()
             and (products > upper * lower).all()
             and ((upper - lower) ** 2 <= 1e-12 * products).all(),
@@ -288,13 +290,11 @@ class Perceptions:
 
     def base_t_landmarks(self) -> FloatArray:
         """(n, 2) m, the positions relative to the robot."""
-        return np.column_stack(
-            [self.ranges_m * np.cos(self.bearings), self.ranges_m * np.sin(self.bearings)]
-        )
+        return cartesian(self.ranges_m, self.bearings)
 
     def base_covariances(self) -> FloatArray:
         """(n, 2, 2) m2, the covariances of `base_t_landmarks`, to first order."""
-        jacobians = _cartesian_jacobians(self.ranges_m, self.bearings)
+        jacobians = cartesian_jacobians(self.ranges_m, self.bearings)
         return jacobians @ self.covariances @ jacobians.transpose(0, 2, 1)
 
     def seen_from(self, base_T_sensor: Pose2) -> "Perceptions":
@@ -309,9 +309,9 @@ class Perceptions:
         R = rotation(base_T_sensor.theta)
         covariances = R @ self.base_covariances() @ R.T
         ranges_m = np.linalg.norm(base_t_landmarks, axis=1)
-        kept = ranges_m > 1e-3
+        kept = ranges_m >= LEAST_RANGE_M
         bearings = np.arctan2(base_t_landmarks[:, 1], base_t_landmarks[:, 0])
-        inverse = np.linalg.inv(_cartesian_jacobians(ranges_m[kept], bearings[kept]))
+        inverse = np.linalg.inv(cartesian_jacobians(ranges_m[kept], bearings[kept]))
         rest = self.select(kept)
         return Perceptions(
             rest.stamp_ns,
@@ -348,7 +348,12 @@ def concatenate(stamp_ns: int, parts: Sequence[Perceptions]) -> Perceptions:
     )
 
 
-def _cartesian_jacobians(ranges_m: FloatArray, bearings: FloatArray) -> FloatArray:
+def cartesian(ranges_m: FloatArray, bearings: FloatArray) -> FloatArray:
+    """(n, 2) m of polar coordinates."""
+    return np.column_stack([ranges_m * np.cos(bearings), ranges_m * np.sin(bearings)])
+
+
+def cartesian_jacobians(ranges_m: FloatArray, bearings: FloatArray) -> FloatArray:
     """(n, 2, 2): d(x, y) / d(range, bearing)."""
     c, s = np.cos(bearings), np.sin(bearings)
     return np.stack(

@@ -1,6 +1,6 @@
 """Finds landmarks that are one object: where older ones are in sight again, a loop closes."""
 
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -12,6 +12,7 @@ from semgraph.existence import Evidence, Existence
 from semgraph.factor_graph import FactorGraph
 from semgraph.landmarks import Kind, Perceptions, SemanticObject, semantic_object
 from semgraph.measurement_model import CHI2_2DOF_999, diameters_contradict
+from semgraph.scan_set import ScanSet
 
 _MAX_OLD: Final = 20
 _MAX_REACH_M: Final = 40.0
@@ -34,7 +35,7 @@ class GraphLandmark:
 
     kind: Kind
     identity: str
-    scans: set[int] = field(default_factory=set)
+    scans: ScanSet = field(default_factory=ScanSet)
     stayed_ns: int = 0
     num_tracks: int = 1
     num_views: int = 0
@@ -61,7 +62,7 @@ class GraphLandmark:
 
     def absorb(self, other: "GraphLandmark") -> None:
         """Takes over all that was known of another landmark which is the same object."""
-        self.scans |= other.scans
+        self.scans.update(other.scans)
         self.stayed_ns += other.stayed_ns
         self.num_tracks += other.num_tracks
         self.num_views += other.num_views
@@ -105,7 +106,7 @@ class GraphLandmark:
     def _average(self, diameter_m: float, weight: float, count: int) -> None:
         self.num_diameters += count
         self.diameter_weight += weight
-        before = np.nan_to_num(self.diameter_m)
+        before = self.diameter_m if self.num_diameters > count else diameter_m
         self.diameter_m = before + weight / self.diameter_weight * (diameter_m - before)
 
 
@@ -134,10 +135,11 @@ def find_closures(
     """
     if not recent:
         return []
-    estimate = graph.estimate().map_t_landmarks
-    old = _candidates(graph, recent, estimate)
+    reach_m = _reach(graph)
+    estimate = _surroundings(graph, recent, reach_m)
+    old = _candidates(recent, estimate, reach_m)
     places = [np.array([estimate[each] for each in side]).reshape(-1, 2) for side in (recent, old)]
-    near = np.linalg.norm(places[0][:, None] - places[1][None], axis=2) <= _reach(graph)
+    near = np.linalg.norm(places[0][:, None] - places[1][None], axis=2) <= reach_m
     allowed = np.zeros_like(near)
     for row, column in np.argwhere(near):
         allowed[row, column] = landmarks[recent[row]].may_be(landmarks[old[column]])
@@ -159,7 +161,7 @@ def find_closures(
 
 def _closures(
     landmarks: dict[int, GraphLandmark],
-    estimate: dict[int, FloatArray],
+    estimate: Mapping[int, FloatArray],
     recent: Sequence[int],
     old: Sequence[int],
     covariance: FloatArray,
@@ -186,10 +188,18 @@ def _closures(
     ]
 
 
+def _surroundings(
+    graph: FactorGraph, recent: Sequence[int], reach_m: float
+) -> dict[int, FloatArray]:
+    """Positions of those in sight, and of all that drift may have brought apart from them."""
+    places = {landmark: graph.landmark(landmark) for landmark in recent}
+    centre = np.mean(list(places.values()), axis=0)
+    spread_m = max(float(np.hypot(*(place - centre))) for place in places.values())
+    return places | graph.near(centre, max(spread_m + reach_m, _SURROUNDINGS_M))
+
+
 def _candidates(
-    graph: FactorGraph,
-    recent: Sequence[int],
-    estimate: dict[int, FloatArray],
+    recent: Sequence[int], estimate: Mapping[int, FloatArray], reach_m: float
 ) -> list[int]:
     """The nearest of the landmarks that drift may have brought apart from a recent one."""
     others = [landmark for landmark in estimate if landmark not in set(recent)]
@@ -198,7 +208,6 @@ def _candidates(
     positions = np.array([estimate[landmark] for landmark in others])
     seen = np.array([estimate[landmark] for landmark in recent])
     distances = np.linalg.norm(positions[:, None] - seen[None], axis=2).min(axis=1)
-    reach_m = _reach(graph)
     order = np.argsort(distances, kind="stable")[:_MAX_OLD]
     return [others[k] for k in order if distances[k] <= reach_m]
 
@@ -210,12 +219,21 @@ def _reach(graph: FactorGraph) -> float:
     return float(np.clip((2.0 * CHI2_2DOF_999 * largest) ** 0.5, _LEAST_REACH_M, _MAX_REACH_M))
 
 
-def _density(estimate: dict[int, FloatArray], recent: Sequence[int]) -> float:
+def _density(estimate: Mapping[int, FloatArray], recent: Sequence[int]) -> float:
     """Unmapped landmarks per m2 around those in sight."""
     positions = np.array(list(estimate.values()))
     centre = np.mean([estimate[landmark] for landmark in recent], axis=0)
     near = np.linalg.norm(positions - centre, axis=1) < _SURROUNDINGS_M
-    return _UNMAPPED * (1.0 + float(near.sum())) / (np.pi * _SURROUNDINGS_M**2)
+    return _unmapped(int(near.sum()))
+
+
+def density(graph: FactorGraph, landmark: int) -> float:
+    """Unmapped landmarks per m2 around a landmark."""
+    return _unmapped(len(graph.near(graph.landmark(landmark), _SURROUNDINGS_M)))
+
+
+def _unmapped(num_around: int) -> float:
+    return _UNMAPPED * (1.0 + num_around) / (np.pi * _SURROUNDINGS_M**2)
 
 
 def duplicates(

@@ -11,6 +11,7 @@ import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.landmarks import Kind, Landmark, Perceptions, semantic_object
+from semgraph.point_grid import PointGrid
 
 _CELL_M = 5.0
 
@@ -43,7 +44,7 @@ class NavigationMap:
         self._seen_at_m = np.zeros(64)
         self._identities: list[str] = []
         self._by_identity: dict[tuple[int, str], int] = {}
-        self._cells: dict[tuple[int, int], list[int]] = {}
+        self._grid = PointGrid(_CELL_M)
 
     def __len__(self) -> int:
         return self._size
@@ -56,13 +57,7 @@ class NavigationMap:
 
         Only those last sighted at a distance driven of `since_m` or more.
         """
-        low = np.floor((map_t_point - radius_m) / _CELL_M).astype(int)
-        high = np.floor((map_t_point + radius_m) / _CELL_M).astype(int)
-        found: list[int] = []
-        for column in range(low[0], high[0] + 1):
-            for row in range(low[1], high[1] + 1):
-                found.extend(self._cells.get((column, row), ()))
-        ids = np.array(sorted(found), dtype=np.int64)
+        ids = np.array(self._grid.around(map_t_point, radius_m), dtype=np.int64)
         offsets = self._positions[ids] - map_t_point
         is_near = np.hypot(offsets[:, 0], offsets[:, 1]) <= radius_m
         return ids[is_near & (self._seen_at_m[ids] >= since_m)]
@@ -122,7 +117,7 @@ class NavigationMap:
             self._identities.append(identity)
             if identity:
                 self._by_identity[(int(perceptions.kinds[k]), identity)] = landmark_id
-            self._cells.setdefault(_cell(map_t_landmarks[k]), []).append(landmark_id)
+            self._grid.put(landmark_id, map_t_landmarks[k])
         self._size += len(perceptions)
         self.update(ids, perceptions, map_t_landmarks, covariances, driven_m)
         return ids
@@ -156,7 +151,8 @@ class NavigationMap:
             self._sums[ids] += covariances
             after = before + (map_t_landmarks - before) / self._num_sightings[ids][:, None]
         self._positions[ids] = after
-        self._move_cells(ids, before, after)
+        for landmark_id, position in zip(ids.tolist(), after, strict=True):
+            self._grid.put(landmark_id, position)
         self._average_attributes(ids, perceptions)
 
     def landmark(self, landmark_id: int) -> Landmark:
@@ -189,12 +185,6 @@ class NavigationMap:
         share = weights / self._diameter_weights[ids]
         self._diameters[ids] = before + share * (perceptions.diameters_m[seen] - before)
 
-    def _move_cells(self, ids: IntArray, before: FloatArray, after: FloatArray) -> None:
-        moved = (np.floor(before / _CELL_M) != np.floor(after / _CELL_M)).any(axis=1)
-        for k in np.flatnonzero(moved):
-            self._cells[_cell(before[k])].remove(int(ids[k]))
-            self._cells.setdefault(_cell(after[k]), []).append(int(ids[k]))
-
     def _grow_to(self, size: int) -> None:
         if size <= len(self._positions):
             return
@@ -213,8 +203,3 @@ class NavigationMap:
             grown = np.zeros((capacity, *old.shape[1:]), dtype=old.dtype)
             grown[: len(old)] = old
             setattr(self, name, grown)
-
-
-def _cell(map_t_point: FloatArray) -> tuple[int, int]:
-    column, row = np.floor(map_t_point / _CELL_M).astype(int)
-    return int(column), int(row)

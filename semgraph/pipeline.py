@@ -1,7 +1,7 @@
 """The loop: measurements in, a followed and smoothed run out. It knows all stages, no device."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,17 +11,18 @@ from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
 from semgraph.fast_estimator import FastEstimator, FastStep
 from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.graph_beside import GraphBeside, GraphInProcess
 from semgraph.landmarks import Perceptions, concatenate
 from semgraph.motion_model import OdometryAccumulator
 from semgraph.navigation_map import NavigationMap
+from semgraph.pacing import Pace
 from semgraph.perceiving import Perceiver
 from semgraph.progress import Report
 from semgraph.results import RunResult
 from semgraph.settings import Settings
-from semgraph.smoother import Smoother
 from semgraph.trace import Trace
 from semgraph.yaw_rates import YawRateLog
-from sensors.measurements import ImuSample, Raw, Recording, WheelOdometry
+from sensors.measurements import ImuSample, Measurement, Raw, Recording, WheelOdometry
 from sensors.views import View
 
 
@@ -51,6 +52,8 @@ def run(
     report: Report,
     effective_settings: dict[str, Any],
     trace: Trace | None = None,
+    graph: GraphBeside | None = None,
+    pace: Pace | None = None,
 ) -> RunResult:
     """The trajectories and the map of a recording.
 
@@ -61,6 +64,8 @@ def run(
         report: told the number of scans done, then what settles.
         effective_settings: kept beside the results.
         trace: told what was shown, for those who look at it afterwards.
+        graph: beside the fast estimator; None for one in this process.
+        pace: at which the recording is played; None for as fast as it goes.
 
     Raises:
         InputError: measurements without a detector, or nothing to run on.
@@ -69,34 +74,41 @@ def run(
     started = time.perf_counter()
     fast = _Fast(FastEstimator(settings.fast, recording.map_T_start))
     tracker = FastEstimator(settings.tracker, recording.map_T_start)
-    smoother = Smoother(settings.smoother, recording.map_T_start)
+    graph = graph or GraphInProcess(settings.smoother, recording.map_T_start)
     imu = YawRateLog()
-    for moment in moments(recording, perceiver, imu):
+    for moment in moments(recording, perceiver, imu, pace):
         seen, odom_T_base = moment.perceptions, moment.odom_T_base
         step = fast.step(moment)
         perceiver.moved(*fast.last_motion)
-        smoother.add(tracker.step(seen, moment.odometry), seen, moment.views)
+        graph.add(tracker.step(seen, moment.odometry), seen, moment.views)
         if trace is not None:
             trace.add(moment.measurements, seen, odom_T_base, step, fast.navigation_map)
         report.done(len(fast))
     if not len(fast):
         raise InputError(f"{recording.name}: expected scans or perceptions, there are none")
-    smoother.finish(report.note)
+    smoothed = graph.finish(report.note)
     return RunResult(
         name=recording.name,
-        smoothed=smoother.trajectory(),
-        smoothed_covariances=smoother.covariances(),
+        smoothed=smoothed.trajectory,
+        smoothed_covariances=smoothed.covariances,
         fast=fast.trajectory(),
-        landmarks=smoother.landmarks(),
+        landmarks=smoothed.landmarks,
         fast_seconds=np.array(fast.seconds),
         wall_seconds=time.perf_counter() - started,
         num_scans=len(fast),
-        events=(*smoother.events, *perceiver.events, *(trace.events if trace else ())),
+        events=(
+            *smoothed.events,
+            *perceiver.events,
+            *(trace.events if trace else ()),
+            *(pace.events if pace else ()),
+        ),
         settings=effective_settings,
         fast_landmarks=tuple(fast.navigation_map),
-        gone=smoother.gone(),
+        gone=smoothed.gone,
         imu=imu.yaw_rates(),
-        associations=smoother.associations(),
+        associations=smoothed.associations,
+        decisions=smoothed.decisions,
+        online=smoothed.online,
     )
 
 
@@ -140,8 +152,12 @@ class _Fast:
         return Trajectory(np.array(self._stamps_ns), np.array(poses))
 
 
-def moments(recording: Recording, perceiver: Perceiver, imu: YawRateLog) -> Iterator[Moment]:
+def moments(
+    recording: Recording, perceiver: Perceiver, imu: YawRateLog, pace: Pace | None = None
+) -> Iterator[Moment]:
     """What the estimators see, moment by moment; `imu` gathers the yaw rates.
+
+    A moment is there with the last of its measurements, not only once the next one's time has come.
 
     Raises:
         InputError: a measurement, and no detector for it.
@@ -149,9 +165,9 @@ def moments(recording: Recording, perceiver: Perceiver, imu: YawRateLog) -> Iter
     noise = recording.odometry_noise
     wheels = OdometryAccumulator(noise) if noise is not None else None
     now = _Now()
-    for measurement in recording.measurements:
-        if now.parts and measurement.stamp_ns != now.parts[0].stamp_ns:
-            yield now.take(wheels)
+    for measurement, next_ns in _with_next(recording.measurements):
+        if pace is not None:
+            pace.wait(measurement.stamp_ns)
         if isinstance(measurement, WheelOdometry) and wheels is not None:
             wheels.add(measurement)
             now.odom_T_base = measurement.odom_T_base
@@ -166,8 +182,19 @@ def moments(recording: Recording, perceiver: Perceiver, imu: YawRateLog) -> Iter
             now.measurements.append(measurement)
             if perceived.view is not None:
                 now.views.append(perceived.view)
-    if now.parts:
-        yield now.take(wheels)
+        if now.parts and next_ns != now.parts[0].stamp_ns:
+            yield now.take(wheels)
+
+
+def _with_next(measurements: Iterable[Measurement]) -> Iterator[tuple[Measurement, int | None]]:
+    """Each measurement with the stamp of the one after it; None after the last."""
+    last: Measurement | None = None
+    for measurement in measurements:
+        if last is not None:
+            yield last, measurement.stamp_ns
+        last = measurement
+    if last is not None:
+        yield last, None
 
 
 @dataclass(slots=True)

@@ -7,18 +7,21 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import tomli_w
 from pydantic import BaseModel
 
 from semgraph.arrays import FloatArray, IntArray, frozen_floats
+from semgraph.decision_files import read_decisions, write_decisions
+from semgraph.decisions import Decision
 from semgraph.errors import InputError, SettingsError
 from semgraph.estimates import Trajectory
 from semgraph.json_files import STRICT, read_json
 from semgraph.landmarks import Gone, Landmark
 from semgraph.map_files import read_map_json, write_map_csv, write_map_json
+from semgraph.smoothed import Online
 from semgraph.staging import staged_folder
 from semgraph.tables import read_text, write_text
 from semgraph.trajectory_files import read_covariances, read_tum, write_covariances, write_tum
@@ -27,12 +30,14 @@ from semgraph.yaw_rates import YawRates, read_yaw_rates, write_yaw_rates
 RUN_JSON = "run.json"
 TRAJECTORY_TUM = "trajectory.tum"
 TRAJECTORY_FAST_TUM = "trajectory_fast.tum"
+TRAJECTORY_ONLINE_TUM = "trajectory_online.tum"
 TRAJECTORY_COVARIANCE_CSV = "trajectory_covariance.csv"
 MAP_JSON = "map.json"
 MAP_CSV = "map.csv"
 MAP_FAST_JSON = "map_fast.json"
 SETTINGS_TOML = "settings.toml"
 EVENTS_LOG = "events.log"
+DECISIONS_CSV = "decisions.csv"
 IMU_CSV = "imu.csv"
 
 # How an event begins that tells of a loop closure; evaluation counts them.
@@ -60,6 +65,8 @@ class RunResult:
         imu: the yaw rates that an inertial sensor measured; none where there was none.
         associations: by the stamp of perceptions, the landmark of each (n,), -1 for none; of a
             run just made, no file keeps them.
+        decisions: of landmarks, in order; also among the events.
+        online: what was known of the graph in time; None of a run whose graph was not beside it.
 
     Raises:
         InputError: shapes disagree, or a value is out of its domain.
@@ -74,11 +81,13 @@ class RunResult:
     wall_seconds: float
     num_scans: int
     events: tuple[str, ...] = ()
+    decisions: tuple[Decision, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     fast_landmarks: tuple[Landmark, ...] = ()
     gone: tuple[Gone, ...] = ()
     imu: YawRates = field(default_factory=YawRates)
     associations: Mapping[int, IntArray] = field(default_factory=dict)
+    online: Online | None = None
 
     def __post_init__(self) -> None:
         covariances = _frozen_covariances(self.smoothed_covariances, len(self.smoothed))
@@ -93,6 +102,32 @@ class RunResult:
         object.__setattr__(self, "settings", copy.deepcopy(self.settings))
 
 
+class _Online(BaseModel):
+    model_config = STRICT
+    num_poses: int
+    num_restarts: int
+    lost: str
+    delays_s: list[float]
+    lags: list[int]
+
+    @classmethod
+    def of(cls, online: Online) -> Self:
+        return cls(
+            num_poses=len(online.trajectory),
+            num_restarts=online.num_restarts,
+            lost=online.lost,
+            delays_s=online.delays_s.tolist(),
+            lags=online.lags.tolist(),
+        )
+
+    def read(self, folder: Path) -> Online:
+        path = folder / TRAJECTORY_ONLINE_TUM
+        trajectory = read_tum(path)
+        _check_count(path, self.num_poses, len(trajectory))
+        delays_s, lags = np.array(self.delays_s, dtype=float), np.array(self.lags, dtype=np.int64)
+        return Online(trajectory, delays_s, lags, self.num_restarts, self.lost)
+
+
 class _Run(BaseModel):
     model_config = STRICT
     name: str
@@ -103,6 +138,7 @@ class _Run(BaseModel):
     num_yaw_rates: int = 0
     wall_seconds: float
     fast_seconds: list[float]
+    online: _Online | None = None
 
 
 def write(result: RunResult, folder: Path) -> None:
@@ -135,9 +171,12 @@ def write_files(result: RunResult, folder: Path) -> None:
     write_map_csv(folder / MAP_CSV, result.landmarks)
     write_map_json(folder / MAP_FAST_JSON, result.fast_landmarks)
     write_settings(folder, result.settings)
+    write_decisions(folder / DECISIONS_CSV, result.decisions)
     write_text(folder / EVENTS_LOG, "".join(f"{event}\n" for event in result.events))
     if len(result.imu):
         write_yaw_rates(folder / IMU_CSV, result.imu)
+    if result.online is not None:
+        write_tum(folder / TRAJECTORY_ONLINE_TUM, result.online.trajectory)
     run = _Run(
         name=result.name,
         num_scans=int(result.num_scans),
@@ -147,8 +186,9 @@ def write_files(result: RunResult, folder: Path) -> None:
         num_yaw_rates=len(result.imu),
         wall_seconds=float(result.wall_seconds),
         fast_seconds=result.fast_seconds.tolist(),
+        online=_Online.of(result.online) if result.online is not None else None,
     )
-    write_text(folder / RUN_JSON, json.dumps(run.model_dump(), indent=1) + "\n")
+    write_text(folder / RUN_JSON, json.dumps(run.model_dump(exclude_none=True), indent=1) + "\n")
 
 
 def read(folder: Path) -> RunResult:
@@ -170,10 +210,7 @@ def read(folder: Path) -> RunResult:
         (MAP_JSON, run.num_landmarks, len(landmarks)),
         (IMU_CSV, run.num_yaw_rates, len(imu)),
     ):
-        if promised != count:
-            raise InputError(
-                f"{folder / name}: expected {promised} entries as {RUN_JSON} says, got {count}"
-            )
+        _check_count(folder / name, promised, count)
     try:
         return RunResult(
             name=run.name,
@@ -185,12 +222,19 @@ def read(folder: Path) -> RunResult:
             wall_seconds=run.wall_seconds,
             num_scans=run.num_scans,
             events=tuple(read_text(folder / EVENTS_LOG).splitlines()),
+            decisions=read_decisions(folder / DECISIONS_CSV),
             settings=read_toml(folder / SETTINGS_TOML),
             fast_landmarks=read_map_json(folder / MAP_FAST_JSON),
             imu=imu,
+            online=run.online.read(folder) if run.online is not None else None,
         )
     except InputError as error:
         raise InputError(error if str(folder) in str(error) else f"{folder}: {error}") from error
+
+
+def _check_count(path: Path, promised: int, count: int) -> None:
+    if promised != count:
+        raise InputError(f"{path}: expected {promised} entries as {RUN_JSON} says, got {count}")
 
 
 def write_settings(folder: Path, settings: dict[str, Any]) -> None:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from semgraph.errors import SettingsError, known_names
 from semgraph.fast_estimator import FastSettings
 from semgraph.localizer import LocalizerSettings
+from semgraph.online import OnlineSettings
 from semgraph.smoother import SmootherSettings
 
 
@@ -36,6 +37,7 @@ class Settings(BaseModel):
     tracker: TrackerSettings = TrackerSettings()
     smoother: SmootherSettings = SmootherSettings()
     localizer: LocalizerSettings = LocalizerSettings()
+    online: OnlineSettings = OnlineSettings()
 
 
 def load_settings(file: Path | None, assignments: Sequence[str]) -> Settings:

@@ -2,12 +2,12 @@
 
 A fast estimator with a short memory follows each object while it is in sight; such a stretch is a
 *track*, and each track starts as a landmark of its own. Whether it is an older landmark seen again
-is decided by the graph's own uncertainty, and then both become one. What moves is taken out again;
-what is not seen often enough stays tentative, out of the map; what is no longer seen where it
-should be is gone.
+is decided by the graph's own uncertainty, and then both become one; if what comes later speaks
+against that, they are two again. What moves is taken out; what is not seen often enough stays
+tentative, out of the map; what is no longer seen where it should be is gone.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -15,14 +15,19 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from semgraph.absence import Look, count_misses
 from semgraph.arrays import FloatArray, IntArray
+from semgraph.contradiction import log_odds_of_one
+from semgraph.decisions import Decision, What
 from semgraph.estimates import Trajectory
 from semgraph.existence import Tally
 from semgraph.factor_graph import FactorGraph
 from semgraph.factors import Sighting
 from semgraph.fast_estimator import FastStep
 from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.keyframes import Keyframes
+from semgraph.landmark_registry import LandmarkRegistry, Merge
 from semgraph.landmarks import Gone, Kind, Landmark, Perceptions
-from semgraph.loop_closure import Closure, GraphLandmark, duplicates, find_closures
+from semgraph.loop_closure import Closure, GraphLandmark, density, duplicates, find_closures
+from semgraph.measurement_model import CHI2_2DOF_999
 from semgraph.tracks import Track
 from sensors.views import View
 
@@ -41,37 +46,47 @@ class SmootherSettings(BaseModel):
     duplicate_odds: float = Field(10.0, gt=1.0)
     in_sight_scans: int = Field(10, ge=0)
 
+    @property
+    def start_covariance(self) -> FloatArray:
+        """(3, 3) of the start pose."""
+        sigmas = [self.start_sigma_m, self.start_sigma_m, self.start_sigma_rad]
+        return np.diag(sigmas) ** 2
+
 
 # Fewer scans without a sighting are an interruption, not a loop.
 _LOOP_SCANS: Final = 100
 # Among fewer things nobody can tell whether the robot or the thing moves.
 _LEAST_TO_JUDGE: Final = 3
+# What an outline seen from another side adds to the cost of a sighting at most.
+_COST_A_SIGHTING: Final = 3.0
 
 
 class Smoother:
     """Builds the graph scan by scan."""
 
     def __init__(self, settings: SmootherSettings, map_T_start: Pose2) -> None:
-        sigmas = [settings.start_sigma_m, settings.start_sigma_m, settings.start_sigma_rad]
         self._settings = settings
-        self._graph = FactorGraph(UncertainPose2(map_T_start, np.diag(sigmas) ** 2))
-        self._landmarks: dict[int, GraphLandmark] = {}
-        self._tracks: dict[int, Track] = {}
+        self._graph = FactorGraph(UncertainPose2(map_T_start, settings.start_covariance))
+        self._keyframes = Keyframes()
+        self._registry = LandmarkRegistry()
         self._moving: list[Track] = []
         self._looks = {kind: Tally() for kind in Kind}
         self._reliabilities = dict.fromkeys(Kind, (0, 0.0))
-        self._by_identity: dict[tuple[Kind, str], Track] = {}
         self._stamps_ns: list[int] = []
         self._tracker_ids: list[IntArray] = []
-        self._next_landmark = 0
         self._last_fast: Pose2 | None = None
         self._guess = map_T_start
-        self._events: list[str] = []
+        self._decisions: list[Decision] = []
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        """What was decided of landmarks, in order."""
+        return tuple(self._decisions)
 
     @property
     def events(self) -> tuple[str, ...]:
-        """What was decided, one line each, in order."""
-        return (*self._events, *self._graph.incidents)
+        """What was decided, and what went wrong and was mended, one line each."""
+        return (*map(str, self._decisions), *self._graph.incidents)
 
     def add(self, step: FastStep, perceptions: Perceptions, views: Sequence[View]) -> None:
         """Takes in one scan of the fast estimator.
@@ -82,23 +97,25 @@ class Smoother:
             views: how far lasers saw; without, nothing is ever missed.
         """
         self._move(step)
-        scan = len(self._stamps_ns) - 1
-        odom_T_base = step.map_T_base.pose
         rows = np.flatnonzero(step.landmark_ids >= 0).tolist()
-        tracks = [self._track(int(step.landmark_ids[row]), perceptions, row) for row in rows]
+        tracks = [
+            self._registry.track(int(step.landmark_ids[row]), perceptions, row) for row in rows
+        ]
         self._look_for_movers(tracks, rows, step, perceptions)
-        for track, row in zip(tracks, rows, strict=True):
-            if track.is_moving:
-                self._moving.append(track)
-            else:
-                kind = track.known.kind
-                reliability = float(perceptions.reliabilities[row])
-                track.known.existence.hit(odom_T_base, reliability, self._looks[kind])
-                self._sight(track, scan, perceptions, row)
+        self._moving += [track for track in tracks if track.is_moving]
+        standing = [
+            (track, row) for track, row in zip(tracks, rows, strict=True) if not track.is_moving
+        ]
+        if standing:
+            self._keyframes.add_pose(self._graph.add_pose(self._keyframes.since_last, self._guess))
+        else:
+            self._keyframes.add_between(self._graph.num_poses - 1)
+        for track, row in standing:
+            self._sight(track, step.map_T_base.pose, perceptions, row)
         if len(self._stamps_ns) % self._settings.update_every_scans == 0:
             self._update()
             if views:
-                self._miss(Look(odom_T_base, self._guess, perceptions, views))
+                self._miss(Look(step.map_T_base.pose, self._guess, perceptions, views))
 
     def finish(self, note: Callable[[str], None]) -> None:
         """The batch optimum, with duplicates that only the whole run reveals made one.
@@ -108,62 +125,76 @@ class Smoother:
         """
         note("settling")
         self._graph.polish()
-        odds = float(np.log(self._settings.duplicate_odds))
-        changed = set(self._landmarks)
-        while closures := duplicates(self._graph, self._landmarks, changed, odds):
-            note(f"settling, {len(closures)} pairs of landmarks found to be one")
-            self._merge(closures)
-            # Not only for the optimum: in a graph built anew, joint covariances cost a tenth.
+        self._merge_duplicates(set(self._registry.landmarks), note)
+        merged = [
+            (landmark, merge)
+            for landmark in self._registry.landmarks
+            for merge in self._registry.merges(landmark)
+        ]
+        if self._take_back(merged):
             self._graph.polish()
-            changed = {closure.old for closure in closures}
+
+    def latest(self) -> Pose2:
+        """map_T_base of the last scan: by the last update, and by the fast estimates since."""
+        return self._guess
 
     def trajectory(self) -> Trajectory:
         """The smoothed pose of each scan."""
-        poses = self._graph.estimate().map_T_bases[1:]
-        return Trajectory(np.array(self._stamps_ns, dtype=np.int64), poses)
+        self._catch_up()
+        poses = self._graph.estimate().map_T_bases
+        return Trajectory(
+            np.array(self._stamps_ns, dtype=np.int64), self._keyframes.trajectory(poses)
+        )
 
     def covariances(self) -> FloatArray:
         """(n, 3, 3) of the trajectory's poses, each in its own frame."""
-        return self._graph.pose_covariances(range(1, len(self._stamps_ns) + 1))
+        self._catch_up()
+        return self._keyframes.covariances(*self._graph.chain_covariances())
 
     def associations(self) -> dict[int, IntArray]:
         """By stamp, the landmark that each perception was taken for in the end, -1 for none."""
-        landmark_of = {number: track.landmark for number, track in self._tracks.items()}
-        landmark_of[-1] = -1
         return {
-            stamp_ns: np.array([landmark_of[k] for k in ids.tolist()], dtype=np.int64)
+            stamp_ns: self._registry.landmark_ids(ids)
             for stamp_ns, ids in zip(self._stamps_ns, self._tracker_ids, strict=True)
         }
 
     def landmarks(self) -> tuple[Landmark, ...]:
         """The map: all confirmed landmarks of the graph with their marginal covariances."""
+        self._catch_up()
         return self._as_landmarks(self._confirmed())
 
     def gone(self) -> tuple[Gone, ...]:
         """What was confirmed once and is no longer there."""
+        landmarks = self._registry.landmarks
         gone = [
             landmark
-            for landmark, known in self._landmarks.items()
+            for landmark, known in landmarks.items()
             if known.existence.is_gone and known.existence.was_there and self._is_established(known)
         ]
         return tuple(
-            Gone(landmark, self._landmarks[landmark.id].existence.num_misses)
+            Gone(landmark, landmarks[landmark.id].existence.num_misses)
             for landmark in self._as_landmarks(gone)
         )
+
+    def _catch_up(self) -> None:
+        """Takes in the scans since the last update."""
+        if not self._graph.is_updated:
+            self._graph.update()
 
     def _as_landmarks(self, landmarks: list[int]) -> tuple[Landmark, ...]:
         """Values with their marginal covariances."""
         covariances = self._graph.landmark_covariances(landmarks)
+        known = [self._registry.landmarks[landmark] for landmark in landmarks]
         return tuple(
             Landmark(
                 landmark,
-                self._landmarks[landmark].semantics(),
+                its.semantics(),
                 self._graph.landmark(landmark),
                 covariance,
                 len(self._graph.sightings(landmark)),
-                self._reliability(self._landmarks[landmark]),
+                self._reliability(its),
             )
-            for landmark, covariance in zip(landmarks, covariances, strict=True)
+            for landmark, its, covariance in zip(landmarks, known, covariances, strict=True)
         )
 
     def _confirmed(self) -> list[int]:
@@ -174,7 +205,7 @@ class Smoother:
         in_sight = {track.landmark for track in self._in_sight()}
         return [
             landmark
-            for landmark, known in self._landmarks.items()
+            for landmark, known in self._registry.landmarks.items()
             if self._is_established(known)
             and (
                 known.existence.is_there
@@ -190,7 +221,7 @@ class Smoother:
         """
         stayed_ns = known.stayed_ns
         if known.identity:
-            stayed_ns = self._stamps_ns[max(known.scans)] - self._stamps_ns[min(known.scans)]
+            stayed_ns = self._stamps_ns[known.scans.last] - self._stamps_ns[known.scans.first]
         return (
             known.num_sightings >= self._settings.min_sightings
             and stayed_ns >= self._settings.least_seconds * 1e9
@@ -201,8 +232,13 @@ class Smoother:
         count, total = self._reliabilities[known.kind]
         return known.evidence.reliability(total / max(count, 1))
 
+    @property
+    def _scan(self) -> int:
+        """The number of the last scan."""
+        return len(self._stamps_ns) - 1
+
     def _move(self, step: FastStep) -> None:
-        """A new pose, reached by the motion model alone; the fast estimate says where to start.
+        """The robot goes on by the motion model alone; the fast estimate says where to start.
 
         The closed form has used the sightings that enter the graph themselves, so only its value
         seeds the pose: as a factor it would count them twice.
@@ -213,7 +249,7 @@ class Smoother:
         )
         self._last_fast = fast
         self._guess = self._guess @ last_T_current
-        self._graph.add_pose(step.motion, self._guess)
+        self._keyframes.move(step.motion)
         self._stamps_ns.append(step.stamp_ns)
         self._tracker_ids.append(step.landmark_ids)
 
@@ -232,116 +268,167 @@ class Smoother:
             for track, is_away in zip(tracks, away, strict=True):
                 track.note(is_away=is_away)
 
-    def _sight(self, track: Track, scan: int, perceptions: Perceptions, row: int) -> None:
+    def _sight(self, track: Track, odom_T_base: Pose2, perceptions: Perceptions, row: int) -> None:
         """One sighting more; an unreliable one weighs less."""
-        if track.landmark not in self._landmarks:
+        if track.landmark not in self._registry.landmarks:
             guess = self._guess.transform(perceptions.base_t_landmarks()[[row]])[0]
             self._graph.add_landmark(track.landmark, guess)
-            self._landmarks[track.landmark] = track.known
-        track.last_scan = scan
-        track.known.sight(scan, perceptions, row)
-        track.stay(perceptions.stamp_ns)
-        count, total = self._reliabilities[track.known.kind]
+            self._registry.landmarks[track.landmark] = track.known
         reliability = float(perceptions.reliabilities[row])
-        self._reliabilities[track.known.kind] = (count + 1, total + reliability)
-        sighting = Sighting(
-            pose=scan + 1,
-            landmark=track.landmark,
-            range_m=float(perceptions.ranges_m[row]),
-            bearing=float(perceptions.bearings[row]),
-            covariance=perceptions.covariances[row] / max(reliability, 0.05),
+        kind = track.known.kind
+        track.known.existence.hit(odom_T_base, reliability, self._looks[kind])
+        track.sight(self._scan, perceptions, row)
+        count, total = self._reliabilities[kind]
+        self._reliabilities[kind] = (count + 1, total + reliability)
+        self._graph.add_sighting(
+            Sighting.of(perceptions, row, self._graph.num_poses - 1, track.landmark, track.number)
         )
-        self._graph.add_sighting(sighting)
-
-    def _track(self, tracker_id: int, perceptions: Perceptions, row: int) -> Track:
-        """The track that goes on; or a new one, of a landmark that may be new as well."""
-        track = self._tracks.get(tracker_id)
-        if track is not None:
-            return track
-        kind, identity = Kind(perceptions.kinds[row]), str(perceptions.identities[row])
-        named = self._by_identity.get((kind, identity)) if identity else None
-        if named is not None:
-            track = Track(named.landmark, named.known, perceptions.stamp_ns)
-            track.known.num_tracks += 1
-        else:
-            track = Track(self._next_landmark, GraphLandmark(kind, identity), perceptions.stamp_ns)
-            self._next_landmark += 1
-        if identity:
-            self._by_identity[(kind, identity)] = track
-        self._tracks[tracker_id] = track
-        return track
 
     def _in_sight(self) -> list[Track]:
         """The tracks sighted lately, of what does not move."""
-        scan = len(self._stamps_ns) - 1
-        reach = self._settings.in_sight_scans
-        return [
-            track
-            for track in self._tracks.values()
-            if scan - track.last_scan <= reach and not track.is_moving
-        ]
+        return self._registry.in_sight(self._scan - self._settings.in_sight_scans)
 
     def _drop_moving(self) -> None:
         """Takes out what has turned out to move; what an older landmark was taken for stays."""
         for track in self._moving:
-            known = self._landmarks.get(track.landmark)
-            if known is track.known and known.num_tracks == 1:
-                self._events.append(
-                    f"moving at scan {len(self._stamps_ns) - 1}: {known.kind.label} "
-                    f"{track.landmark}, first sighted at scan {min(known.scans)}"
-                )
+            if self._registry.drop(track):
                 self._graph.remove(track.landmark)
-                self._by_identity.pop((known.kind, known.identity), None)
-                del self._landmarks[track.landmark]
+                why = f"first sighted at scan {track.known.scans.first}"
+                self._decide(What.MOVING, track.landmark, track.known, why=why)
         self._moving.clear()
 
     def _miss(self, look: Look) -> None:
         """Counts against all landmarks that the scan should show and did not."""
-        least = self._settings.min_sightings
-        known = {k: each for k, each in self._landmarks.items() if each.num_sightings >= least}
+        reach_m = max(view.reach_m for view in look.views)
+        landmarks, least = self._registry.landmarks, self._settings.min_sightings
+        places = self._graph.near(look.map_T_base.as_array()[:2], reach_m)
+        known = {k: landmarks[k] for k in places if landmarks[k].num_sightings >= least}
         in_sight = {track.landmark for track in self._in_sight()}.intersection(known)
-        places = self._graph.estimate().map_t_landmarks
         for landmark in count_misses(look, known, places, in_sight, self._looks):
             gone = known[landmark]
             if gone.existence.was_there:
-                self._events.append(
-                    f"gone at scan {len(self._stamps_ns) - 1}: {gone.kind.label} {landmark}, last "
-                    f"sighted at scan {max(gone.scans)}, {gone.existence.num_misses} looks in vain"
+                why = (
+                    f"last sighted at scan {gone.scans.last}, "
+                    f"{gone.existence.num_misses} looks in vain"
                 )
+                self._decide(What.GONE, landmark, gone, why=why)
 
     def _update(self) -> None:
         """One iSAM2 update for the scans since the last, then a look for closed loops."""
         self._graph.update()
         self._drop_moving()
         in_sight = self._in_sight()
+        recent = sorted({track.landmark for track in in_sight})
         if any(track.is_due for track in in_sight):
-            recent = sorted({track.landmark for track in in_sight})
             odds = float(np.log(self._settings.closure_odds))
-            self._close(find_closures(self._graph, self._landmarks, recent, odds))
+            self._close(find_closures(self._graph, self._registry.landmarks, recent, odds))
             for track in in_sight:
                 track.tested = track.known.num_sightings
-        self._guess = self._graph.pose(self._graph.num_poses - 1)
-
-    def _close(self, closures: list[Closure]) -> None:
-        """Makes each pair one landmark; everything else follows in the next solution."""
-        if closures:
-            self._merge(closures)
+        if self._take_back(self._registry.due(recent, self._scan)):
             self._graph.update(relinearize=True)
+        last = self._graph.pose(self._graph.num_poses - 1)
+        self._guess = last @ self._keyframes.since_last.pose
 
-    def _merge(self, closures: list[Closure]) -> None:
-        for closure in closures:
-            self._record(closure)
+    def _close(self, closures: Sequence[Closure]) -> None:
+        """Makes each pair one; all are two again where the graph does not agree.
+
+        A closure that is far off moves much of the graph. What it moves that far must not cost
+        more than the pairs were said to be apart, and what an outline may do to their sightings.
+        """
+        graph = self._graph
+        is_far = any(graph.are_far_apart(each.recent, each.old) for each in closures)
+        before = graph.checkpoint() if is_far else None
+        merged = self._merge(closures)
+        if not merged:
+            return
+        graph.update(relinearize=True)
+        if before is not None:
+            merges = [(each.old, self._registry.merges(each.old)[-1]) for each in merged]
+            sightings = sum(
+                each.track in merge.tracks
+                for landmark, merge in merges
+                for each in graph.sightings(landmark)
+            )
+            most = 0.5 * CHI2_2DOF_999 * len(merged) + _COST_A_SIGHTING * sightings
+            rise = graph.cost() - before.cost
+            if rise > most:
+                for landmark, merge in merges:
+                    why = f"the graph's cost rose by {rise:.0f}; {most:.0f} were to be expected"
+                    self._split(landmark, merge, why)
+                graph.go_back(before)
+
+    def _merge_duplicates(self, changed: set[int], note: Callable[[str], None]) -> None:
+        """Until there are no more that involve what has changed."""
+        odds = float(np.log(self._settings.duplicate_odds))
+        while True:
+            closures = duplicates(self._graph, self._registry.landmarks, changed, odds)
+            merged = self._merge(closures, What.DUPLICATE)
+            if not merged:
+                return
+            note(f"settling, {len(merged)} pairs of landmarks found to be one")
+            # Not only for the optimum: in a graph built anew, joint covariances cost a tenth.
+            self._graph.polish()
+            changed = {closure.old for closure in merged}
+
+    def _merge(self, closures: Iterable[Closure], what: What | None = None) -> list[Closure]:
+        """Makes each pair one landmark; everything else follows in the next solution."""
+        merged = [closure for closure in closures if self._registry.may_merge(closure)]
+        for closure in merged:
+            recent, old = (self._registry.landmarks[each] for each in (closure.recent, closure.old))
+            unseen = recent.scans.first - old.scans.last
+            closed = What.LOOP_CLOSED if unseen > _LOOP_SCANS else What.RESUMED
+            self._decide(
+                what or closed,
+                closure.recent,
+                old,
+                closure.old,
+                closure.log_odds,
+                f"unseen for {unseen} scans" if unseen > 0 else "seen by turns",
+            )
             self._graph.merge(closure.recent, closure.old)
-            self._landmarks[closure.old].absorb(self._landmarks.pop(closure.recent))
-            for track in self._tracks.values():
-                if track.landmark == closure.recent:
-                    track.landmark, track.known = closure.old, self._landmarks[closure.old]
+            self._registry.merge(closure, self._scan)
+        return merged
 
-    def _record(self, closure: Closure) -> None:
-        recent, old = self._landmarks[closure.recent], self._landmarks[closure.old]
-        unseen = min(recent.scans) - max(old.scans)
-        what = "loop closed" if unseen > _LOOP_SCANS else "track resumed"
-        self._events.append(
-            f"{what} at scan {len(self._stamps_ns) - 1}: {old.kind.label} {closure.recent} is "
-            f"{closure.old}, unseen for {unseen} scans, log odds {closure.log_odds:.1f}"
+    def _take_back(self, merges: Iterable[tuple[int, Merge]]) -> int:
+        """How many of these merges are taken back, since sightings now contradict them."""
+        least = -float(np.log(self._settings.closure_odds))
+        num_taken_back = 0
+        for landmark, merge in merges:
+            sightings = self._graph.sightings(landmark)
+            theirs = [each for each in sightings if each.track in merge.tracks]
+            others = [each for each in sightings if each.track not in merge.tracks]
+            if not theirs or not others:
+                continue
+            known = self._registry.landmarks[landmark]
+            odds = log_odds_of_one(
+                self._graph,
+                theirs,
+                others,
+                2.0 * known.outline_sigma_m() ** 2,
+                density(self._graph, landmark),
+            )
+            if odds < least:
+                why = f"taken for one with log odds {merge.log_odds:.1f}"
+                self._split(landmark, merge, why, odds)
+                num_taken_back += 1
+        return num_taken_back
+
+    def _split(self, landmark: int, merge: Merge, why: str, log_odds: float = float("nan")) -> None:
+        """Makes two of one again."""
+        known = self._registry.landmarks[landmark]
+        self._graph.split(landmark, merge.tracks, merge.recent)
+        alone = self._registry.split(landmark, merge)
+        self._decide(What.TAKEN_BACK, alone, known, landmark, log_odds, why)
+
+    def _decide(
+        self,
+        what: What,
+        landmark: int,
+        known: GraphLandmark,
+        other: int = -1,
+        log_odds: float = float("nan"),
+        why: str = "",
+    ) -> None:
+        self._decisions.append(
+            Decision(self._scan, what, known.kind, landmark, other, log_odds, why)
         )

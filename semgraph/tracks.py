@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from semgraph.arrays import FloatArray
+from semgraph.landmarks import Perceptions
 from semgraph.loop_closure import GraphLandmark
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
 
@@ -20,11 +21,20 @@ _MOVED_LOOKS: Final = 3
 
 @dataclass(slots=True)
 class Track:
-    """What the fast estimator follows under one number since `first_ns`, and what it is."""
+    """What the fast estimator follows under one number since `first_ns`, and what it is.
 
+    Attributes:
+        number: of the track, in the order of their beginnings.
+        landmark: of the graph, which the track is taken to show.
+        known: of that landmark.
+        own: what this track alone says of it.
+    """
+
+    number: int
     landmark: int
     known: GraphLandmark
     first_ns: int
+    own: GraphLandmark = field(init=False)
     last_scan: int = -1
     tested: int = 0
     is_moving: bool = False
@@ -34,16 +44,21 @@ class Track:
 
     def __post_init__(self) -> None:
         self._last_ns = self.first_ns
+        self.own = GraphLandmark(self.known.kind, self.known.identity)
 
     @property
     def is_due(self) -> bool:
         """Whether there is so much new evidence that looking for older selves may pay."""
         return self.known.num_sightings > 1.3 * self.tested
 
-    def stay(self, stamp_ns: int) -> None:
-        """It is sighted in its place once more; of a gap in between only half a second counts."""
-        self.known.stayed_ns += min(stamp_ns - self._last_ns, _GAP_NS)
-        self._last_ns = stamp_ns
+    def sight(self, scan: int, perceptions: Perceptions, row: int) -> None:
+        """It is sighted in its place; of a gap before that only half a second counts as stayed."""
+        stayed_ns = min(perceptions.stamp_ns - self._last_ns, _GAP_NS)
+        for known in (self.own, self.known):
+            known.sight(scan, perceptions, row)
+            known.stayed_ns += stayed_ns
+        self._last_ns = perceptions.stamp_ns
+        self.last_scan = scan
 
     def look(self, stamp_ns: int, odom_t_thing: FloatArray, covariance: FloatArray) -> bool:
         """Whether it is perceived away from where it was up to 2 s before.

@@ -71,6 +71,8 @@ _ENTRIES = {
     "course:perceptions": _course("perceptions", "CourseOptions"),
     "course:paper": _course("paper", "PaperOptions"),
     "course:forest": _course("forest", "ForestOptions"),
+    "course:eight": _course("eight", "EightOptions"),
+    "course:lanes": _course("lanes", "LanesOptions"),
     "course:rocks": _course("rocks", "RocksOptions"),
     "course:car-park": _course("car-park", "CarParkOptions"),
     "course:markers": _course("markers", "MarkersOptions"),

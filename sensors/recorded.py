@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from semgraph.arrays import IntArray
-from sensors.measurements import Measurement, Raw
+from sensors.measurements import Measurement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,7 +21,7 @@ class Recorded:
 
     samples: Sequence[Measurement]
     stamps_ns: IntArray
-    measure: Callable[[int], Raw]
+    measure: Callable[[int], Measurement]
 
     def __iter__(self) -> Iterator[Measurement]:
         """Samples of the same time come first."""

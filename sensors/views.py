@@ -40,6 +40,12 @@ class View:
             clear_m = clear_m[::-1]
         return cls(geometry.base_T_laser, first, increment, clear_m)
 
+    @property
+    def reach_m(self) -> float:
+        """How far from base any beam met nothing."""
+        offset_m = float(np.hypot(self.base_T_sensor.x, self.base_T_sensor.y))
+        return offset_m + float(self.clear_m.max(initial=0.0))
+
     def sees(
         self, map_T_base: Pose2, map_t_things: FloatArray, diameters_m: FloatArray
     ) -> BoolArray:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from evaluation.bench import Section, bench, measure
+from evaluation.bench import Section, bench, chosen, measure, tell
 from evaluation.bench_detectors import SECTIONS, car_park
 from evaluation.bench_table import Better, Row
 from semgraph.errors import InputError, SemgraphError
@@ -51,6 +51,31 @@ def test_what_is_missing_is_left_out_and_the_rest_measured() -> None:
     assert (len(two.rows), two.left_out) == (2, "")
     assert two.rows[0].value == 3.0
     assert told == [8, 62, 100]
+
+
+def test_progress_within_figures_is_told() -> None:
+    def slow(seeds: Sequence[int]) -> list[Row]:
+        for k in range(4):
+            tell((k + 1) / 4)
+        return figures(seeds)
+
+    told = Told()
+    measure([Section("one", (slow, figures), 1.0), Section("two", (slow,), 1.0)], [1], told)
+    assert told == [6, 12, 19, 25, 50, 62, 75, 88, 100]
+    tell(0.5)
+    assert told[-1] == 100
+
+
+def test_sections_are_chosen_by_how_they_begin() -> None:
+    sections = [
+        Section("paper", (figures,), 1.0),
+        Section("long", (figures,), 9.0, asked_only=True),
+    ]
+    assert [each.name for each in chosen(sections, [])] == ["paper"]
+    assert [each.name for each in chosen(sections, ["lo", "pap"])] == ["paper", "long"]
+    assert [each.name for each in chosen(sections, ["long"])] == ["long"]
+    with pytest.raises(InputError, match="did you mean 'paper'"):
+        chosen(sections, ["papr"])
 
 
 def test_without_data_the_car_park_is_left_out(tmp_path: Path) -> None:

@@ -1,20 +1,23 @@
 """Figures of the graph beside the oracle's."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from evaluation.bench import measure
 from evaluation.bench_graph import (
-    SECTIONS,
     Outcome,
     as_good_as_the_oracle,
     disturbed,
     num_mixed,
     outcome,
+    sections,
 )
 from evaluation.bench_runs import run_course
 from evaluation.oracle import oracle
+from semgraph.progress import Silence
 from semgraph.results import RunResult
 from semgraph.settings import Settings
 from sensors.truth import Source
@@ -76,5 +79,15 @@ def test_rows_tell_good_outcomes_from_bad_ones() -> None:
     assert not all(row.reached for row in disturbed([replace(good, path_ratio=1.3)]))
 
 
-def test_sections_have_names_of_their_own() -> None:
-    assert len({section.name for section in SECTIONS}) == len(SECTIONS)
+def test_sections_have_names_of_their_own(tmp_path: Path) -> None:
+    every = sections(tmp_path)
+    assert len({section.name for section in every}) == len(every)
+    assert all(section.work > 0.0 for section in every)
+
+
+def test_without_a_stem_map_its_courses_are_left_out(tmp_path: Path) -> None:
+    eights = [each for each in sections(tmp_path) if "eight" in each.name]
+    assert len(eights) == 5
+    for measured in measure(eights[:1], [1], Silence()):
+        assert measured.rows == ()
+        assert "longleaf.csv" in measured.left_out

@@ -57,7 +57,7 @@ def add_scan(
         if called not in graph.landmarks():
             guess = made.start.pose.transform(LANDMARKS[[landmark]] + 0.2)[0]
             graph.add_landmark(called, guess)
-        graph.add_sighting(Sighting(pose, called, range_m, bearing, NOISE))
+        graph.add_sighting(Sighting(pose, called, range_m, bearing, NOISE, track=called))
 
 
 def built(

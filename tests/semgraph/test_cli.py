@@ -110,6 +110,7 @@ def test_help_is_quick() -> None:
         (["detect", "course:perceptions", "--output", "new"], "come ready"),
         (["detect", "course:paper", "--set", "detectors.trees-2d.no=1"], "no"),
         (["detect", "course:paper", "--output", "taken"], "taken"),
+        (["bench", "graph", "--only", "papr"], "paper"),
         (["evaluate", "nowhere"], "nowhere"),
         (["view", "nowhere"], "nowhere"),
     ],
@@ -151,12 +152,35 @@ def test_a_course_is_written_as_a_folder_that_runs_the_same(tmp_path: Path) -> N
         ["bench", "detectors", "--seeds", "x"],
         ["bench", "detectors", "--seeds=-3-4"],
         ["bench", "detectors", "--seeds", "1-99999999999"],
+        ["run", "course:perceptions", "--speed", "2"],
+        ["run", "course:perceptions", "--online", "--speed", "0"],
+        ["run", "course:perceptions", "--online", "--speed", "nan"],
     ],
 )
 def test_wrong_usage_is_status_2(tmp_path: Path, arguments: list[str]) -> None:
     done = semgraph(tmp_path, *arguments)
     assert done.returncode == 2
     assert "usage" in done.stderr
+
+
+def test_online_is_the_same_run_with_what_was_known_in_time(tmp_path: Path) -> None:
+    options = [f"--set={each}" for each in ("track_radius_m=8", "lap_s=10", "overlap_s=2")]
+    for output, online in (("one", []), ("two", ["--online", "--speed", "20"])):
+        done = semgraph(
+            tmp_path, "run", "course:perceptions", *options, *online, "--output", output
+        )
+        assert done.returncode == 0, done.stderr
+    assert "online" in done.stdout
+    one, two = tmp_path / "one", tmp_path / "two"
+    for name in ("trajectory.tum", "trajectory_covariance.csv", "map.json", "settings.toml"):
+        assert (one / name).read_bytes() == (two / name).read_bytes()
+    added = {path.name for path in two.iterdir()} - {path.name for path in one.iterdir()}
+    assert added == {"trajectory_online.tum"}
+    assert "played at 20 times real time" in (two / "events.log").read_text()
+    judged = json.loads((two / "metrics.json").read_text())
+    assert {"online_trajectory_rmse_m", "online_delay_max_s", "online_restarts"} <= judged.keys()
+    assert semgraph(tmp_path, "evaluate", "two").returncode == 0
+    assert json.loads((two / "metrics.json").read_text()) == judged
 
 
 def test_what_is_detected_is_written_drawn_and_counted(tmp_path: Path) -> None:

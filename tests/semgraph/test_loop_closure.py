@@ -106,7 +106,7 @@ def test_absorbing_is_having_seen_everything_oneself() -> None:
         for each in (halves[scan % 2], whole):
             each.sight(scan, seen([diameter_m], 0.03, reliability=0.6), 0)
     halves[0].absorb(halves[1])
-    assert halves[0].scans == whole.scans
+    assert list(halves[0].scans) == list(whole.scans)
     assert halves[0].diameter_m == pytest.approx(whole.diameter_m)
     assert halves[0].diameter_weight == pytest.approx(whole.diameter_weight)
     assert halves[0].evidence.reliability(0.7) == pytest.approx(whole.evidence.reliability(0.7))

@@ -98,6 +98,13 @@ def test_near_includes_its_rim_and_negative_cells() -> None:
     np.testing.assert_array_equal(navigation_map.near(np.array([-5.0, -5.0]), 5.0), [0, 1, 2])
 
 
+def test_near_a_thousand_kilometres_looks_at_what_there_is_only() -> None:
+    navigation_map = NavigationMap()
+    positions = np.array([[-5.0, -5.0], [2.0, 0.0], [3e6, 0.0]])
+    navigation_map.insert(perceptions_of(3), positions, same_covariances(3))
+    np.testing.assert_array_equal(navigation_map.near(np.zeros(2), 1e6), [0, 1])
+
+
 def test_near_leaves_out_what_was_last_sighted_earlier() -> None:
     navigation_map = NavigationMap()
     positions = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])

@@ -25,6 +25,7 @@ FILES = {
     "settings.toml",
     "run.json",
     "events.log",
+    "decisions.csv",
     "imu.csv",
 }
 

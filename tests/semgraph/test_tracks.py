@@ -10,7 +10,7 @@ from semgraph.tracks import Track
 
 def followed(speed: float, rate_hz: float, seconds: float, sigma_m: float, seed: int) -> Track:
     rng = np.random.default_rng(seed)
-    track = Track(0, GraphLandmark(Kind.TREE, ""), 0)
+    track = Track(0, 0, GraphLandmark(Kind.TREE, ""), 0)
     for k in range(int(seconds * rate_hz)):
         t = k / rate_hz
         place = np.array([5.0 + speed * t, 2.0]) + sigma_m * rng.standard_normal(2)

@@ -1,0 +1,53 @@
+"""What the graph decided of its landmarks, when and why."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+import numpy as np
+
+from semgraph.landmarks import Kind
+
+
+class What(Enum):
+    """What may be decided of a landmark."""
+
+    LOOP_CLOSED = "loop closed"
+    RESUMED = "track resumed"
+    DUPLICATE = "duplicate"
+    TAKEN_BACK = "taken back"
+    MOVING = "moving"
+    GONE = "gone"
+
+
+MADE_ONE: Final = (What.LOOP_CLOSED, What.RESUMED, What.DUPLICATE)
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """One decision.
+
+    Attributes:
+        scan: after which it was made.
+        what: was decided.
+        kind, landmark: of what.
+        other: the landmark that it was found to be, or no longer to be; -1 for none.
+        log_odds: how sure, NaN where nothing was weighed.
+        why: in words.
+    """
+
+    scan: int
+    what: What
+    kind: Kind
+    landmark: int
+    other: int = -1
+    log_odds: float = float("nan")
+    why: str = ""
+
+    def __str__(self) -> str:
+        verb = "is not" if self.what is What.TAKEN_BACK else "is"
+        other = f" {verb} {self.other}" if self.other >= 0 else ""
+        odds = f", log odds {self.log_odds:.1f}" if np.isfinite(self.log_odds) else ""
+        why = f", {self.why}" if self.why else ""
+        where = f"{self.what.value} at scan {self.scan}"
+        return f"{where}: {self.kind.label} {self.landmark}{other}{why}{odds}"
