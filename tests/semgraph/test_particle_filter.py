@@ -11,7 +11,7 @@ from semgraph.landmarks import Kind, Perceptions
 from semgraph.particle_filter import FilterSettings, ParticleFilter
 from semgraph.particles import Particles, kld_number, num_bins, systematic
 from semgraph.pose_likelihood import LikelihoodSettings, PoseLikelihood
-from semgraph.pose_quality import Elsewhere
+from semgraph.pose_quality import Elsewhere, UsualSight
 from tests.semgraph.stands import ODOMETRY, fixed, measured, moved, perceive, stand
 
 STEP = Pose2(0.3, 0.0, 0.03)
@@ -155,6 +155,34 @@ def test_two_alike_places_share_the_belief() -> None:
     assert 0.25 < last.quality < 0.75
     off = min(error(last, pose)[0], error(last, Pose2(100.0) @ pose)[0])
     assert off < 0.2
+
+
+def test_an_unknown_motion_leaves_no_track_but_a_region() -> None:
+    trees = stand(num_trees=80)
+    particles = filter_in(trees)
+    _, pose, _ = driven(particles, trees, Pose2(20.0, 25.0, 0.5), 4, 0)
+    rng, pose = np.random.default_rng(9), pose @ Pose2(4.0, -3.0, 1.5)
+    open_motion = UncertainPose2(Pose2(), np.diag([3.0, 3.0, 1.8]) ** 2)
+    nothing = Perceptions.from_arrays(0, Kind.TREE, np.zeros(0), np.zeros(0), np.zeros((0, 2, 2)))
+    assert particles.step(nothing, open_motion).quality < 0.01
+    found = particles.step(perceive(trees, pose, 5, rng), STILL)
+    assert error(found, pose) < (0.15, 0.03)
+    assert found.quality > 0.9
+
+
+def test_few_things_in_sight_speak_for_a_sparse_place() -> None:
+    usual = UsualSight()
+    assert usual.evidence(1.0) == 0.0
+    for _ in range(10):
+        usual.add(np.array([5.0, 12.0, 3.0, 8.0]))
+    assert usual.number == pytest.approx(4.0)
+    assert usual.reach_m == 12.0
+    assert usual.evidence(1.0) == pytest.approx(2.0)
+    assert usual.evidence(-5.0) == -3.0
+    model = PoseLikelihood(stand(num_trees=200), LikelihoodSettings())
+    assert model.sparseness(np.array([500.0, 500.0]), 10.0) == 1.0
+    assert abs(model.sparseness(np.array([30.0, 30.0]), 15.0)) < 0.6
+    assert model.sparseness(np.array([30.0, 30.0]), 0.0) == 0.0
 
 
 def test_elsewhere_weighs_evidence() -> None:
