@@ -57,6 +57,9 @@ class Surroundings:
         ids, base_t = ids[ranges_m > _LEAST_RANGE_M], base_t[ranges_m > _LEAST_RANGE_M]
         base_R_odom = rotation(-odom_T_base.theta)
         covariances = base_R_odom @ gathered.covariances(ids) @ base_R_odom.T
+        # They are of independent sightings, which have half of their sigma in common.
+        shares = 0.75 + 0.25 * gathered.num_sightings(ids)
+        covariances = shares[:, None, None] * covariances
         diameters_m, diameter_sigmas_m = gathered.diameters(ids)
         return Perceptions.from_arrays(
             stamp_ns,
