@@ -47,7 +47,7 @@ _UNTRACKED_M: Final = 1.0
 _WITHIN_M: Final = 1.0
 # Places are proposed as long as the rest is at least this, and followed above that.
 _PROPOSED_ABOVE: Final = 0.05
-_FOLLOWED_ABOVE: Final = 0.9
+_FOLLOWED_ABOVE: Final = 0.99
 # Proposed places as near as this to the one that is followed are the same.
 _SAME_RAD: Final = 0.3
 # Particles farther apart than twice this are too few to begin with; then proposals alone begin.
