@@ -24,17 +24,17 @@ from semgraph.arrays import FloatArray
 from semgraph.estimates import Trajectory
 from semgraph.geometry import wrap_angle
 from semgraph.landmarks import Kind
-from semgraph.localization import LocalizationResult
-from semgraph.localizer import Estimator
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from semgraph.localization import LocalizationResult
 
 _SURE: Final = 0.95
 _WIDTH, _HEIGHT = 13.0, 6.5
 
 
-def draw_localization(result: LocalizationResult, path: Path) -> None:
+def draw_localization(result: "LocalizationResult", path: Path) -> None:
     """Writes a picture: both paths in the map; position, heading and quality over time.
 
     Global localization, the particle filter alone, is drawn where its quality is 0.95 or more; the
@@ -66,7 +66,7 @@ def draw_localization(result: LocalizationResult, path: Path) -> None:
     save(figure, path)
 
 
-def _draw_map(axes: "Axes", result: LocalizationResult, sure: FloatArray) -> None:
+def _draw_map(axes: "Axes", result: "LocalizationResult", sure: FloatArray) -> None:
     for kind, colour in KIND_COLOURS.items():
         places = [
             each.map_t_landmark for each in result.run.landmarks if each.semantics.kind is kind
@@ -84,7 +84,7 @@ def _draw_map(axes: "Axes", result: LocalizationResult, sure: FloatArray) -> Non
     axes.set_ylabel("y in map [m]", color=INK)
 
 
-def _draw_differences(panels: list["Axes"], result: LocalizationResult) -> None:
+def _draw_differences(panels: list["Axes"], result: "LocalizationResult") -> None:
     """How far the fast estimate lies from the global one, where that is sure."""
     position, heading = panels
     seconds, metres, degrees = _differences(result.run.fast, result)
@@ -97,7 +97,7 @@ def _draw_differences(panels: list["Axes"], result: LocalizationResult) -> None:
 
 
 def _differences(
-    fast: Trajectory, result: LocalizationResult
+    fast: Trajectory, result: "LocalizationResult"
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     _, rows, others = np.intersect1d(
         fast.stamps_ns, result.particles.stamps_ns, return_indices=True
@@ -109,18 +109,18 @@ def _differences(
     return seconds, np.hypot(apart[:, 0], apart[:, 1]), np.degrees(wrap_angle(apart[:, 2]))
 
 
-def _draw_quality(axes: "Axes", result: LocalizationResult) -> None:
+def _draw_quality(axes: "Axes", result: "LocalizationResult") -> None:
     stamps_ns = np.array([each.stamp_ns for each in result.localized])
     seconds = (stamps_ns - stamps_ns[0]) * 1e-9
     axes.plot(seconds, [each.quality for each in result.localized], color=INK, linewidth=1.1)
-    by_particles = [each.estimator is Estimator.PARTICLES for each in result.localized]
+    by_particles = [each.num_particles > 0 for each in result.localized]
     axes.fill_between(seconds, 0.0, 1.0, where=by_particles, step="mid", color=GREY, alpha=0.25)
     axes.set_ylim(-0.02, 1.02)
     axes.set_ylabel("quality", color=INK)
     axes.set_xlabel("time since the start [s]; grey: the particle filter at work", color=INK)
 
 
-def _notes(result: LocalizationResult) -> list[str]:
+def _notes(result: "LocalizationResult") -> list[str]:
     _, metres, degrees = _differences(result.run.fast, result)
     num_switches = sum("takes over" in event for event in result.run.events)
     notes = [f"{num_switches} changes of the estimator"]
