@@ -48,6 +48,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _call(parsed: argparse.Namespace) -> None:
     from semgraph import commands
 
+    own = {"localize": _call_localize, "bench": _call_bench, "refine": _call_refine}
+    if parsed.command in own:
+        own[parsed.command](parsed)
+        return
     match parsed.command:
         case "demo":
             commands.demo(parsed.output)
@@ -64,10 +68,6 @@ def _call(parsed: argparse.Namespace) -> None:
             commands.detect(parsed.source, parsed.output, parsed.settings, parsed.set)
         case "simulate":
             commands.simulate(parsed.source, parsed.folder, parsed.set)
-        case "refine":
-            _refine(parsed)
-        case "bench":
-            _call_bench(parsed)
         case _:
             _look_at_results(parsed)
 
@@ -86,6 +86,20 @@ def _look_at_results(parsed: argparse.Namespace) -> None:
             commands.view(parsed.folder)
 
 
+def _call_localize(parsed: argparse.Namespace) -> None:
+    from semgraph.localize_command import localize
+
+    localize(
+        parsed.source,
+        parsed.map,
+        parsed.output,
+        parsed.settings,
+        parsed.set,
+        pose=parsed.start,
+        circle=parsed.radius,
+    )
+
+
 def _call_bench(parsed: argparse.Namespace) -> None:
     from semgraph import commands
 
@@ -94,13 +108,17 @@ def _call_bench(parsed: argparse.Namespace) -> None:
             commands.bench_graph(parsed.seeds, parsed.output, parsed.data, parsed.only)
         case "online":
             commands.bench_online(parsed.seeds, parsed.output)
+        case "constellation":
+            commands.bench_constellation(parsed.seeds, parsed.output)
         case "refine":
             commands.bench_refine(parsed.seeds, parsed.output)
+        case "localization":
+            commands.bench_localization(parsed.seeds, parsed.output, parsed.data, parsed.only)
         case "detectors":
             commands.bench_detectors(parsed.seeds, parsed.output, parsed.data)
 
 
-def _refine(parsed: argparse.Namespace) -> None:
+def _call_refine(parsed: argparse.Namespace) -> None:
     from semgraph import commands
     from semgraph.geometry import Pose2
 
@@ -146,6 +164,7 @@ def _parser() -> argparse.ArgumentParser:
         help="play the recording at X times real time (default: as fast as it goes)",
     )
 
+    _add_localize(commands.add_parser)
     _add_with_source(
         commands.add_parser, "detect", "write and draw what the detectors find in raw measurements"
     )
@@ -176,6 +195,24 @@ def _parser() -> argparse.ArgumentParser:
     _add_refine(commands.add_parser)
     _add_bench(commands.add_parser)
     return parser
+
+
+def _add_localize(add_parser: _AddParser) -> None:
+    localize = _add_with_source(add_parser, "localize", "find and follow the robot in a known map")
+    localize.add_argument(
+        "--map",
+        type=Path,
+        required=True,
+        metavar="MAP",
+        help="map.json or map.csv of a run, its folder, or a list x_m,y_m,kind,diameter_m",
+    )
+    start = localize.add_mutually_exclusive_group()
+    start.add_argument(
+        "--start", type=float, nargs=3, metavar=("X", "Y", "YAW"), help="m and degrees, in the map"
+    )
+    start.add_argument(
+        "--radius", type=float, nargs=3, metavar=("M", "X", "Y"), help="within M of a point"
+    )
 
 
 def _add_with_source(add_parser: _AddParser, name: str, what: str) -> argparse.ArgumentParser:
@@ -247,27 +284,38 @@ def _add_bench(add_parser: _AddParser) -> None:
     _add_output(detectors)
     graph = benches.add_parser("graph", help="beside the optimum with true associations")
     _add_seeds(graph, range(1, 51), "some hours")
-    graph.add_argument(
-        "--data",
-        type=Path,
-        default=_DATA,
-        metavar="DIR",
-        help=f"the real recordings and stem maps (default: {_DATA})",
-    )
-    graph.add_argument(
-        "--only",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="sections that begin with this, may be repeated; `long` is measured only if asked for",
-    )
+    _add_data(graph, "; `long` is measured only if asked for")
     _add_output(graph)
+    localization = benches.add_parser("localization", help="in known maps, given and real")
+    _add_seeds(localization, range(1, 101), "up to an hour")
+    _add_data(localization)
+    _add_output(localization)
     online = benches.add_parser("online", help="of the graph in a process of its own, in real time")
     _add_seeds(online, range(1, 4), "some minutes")
     _add_output(online)
     refine = benches.add_parser("refine", help="beside the batch optimum, and with a prior map")
     _add_seeds(refine, range(101, 113), "some minutes")
     _add_output(refine)
+    recognition = benches.add_parser("constellation", help="where groups of landmarks stand")
+    _add_seeds(recognition, range(1, 11), "some minutes")
+    _add_output(recognition)
+
+
+def _add_data(parser: argparse.ArgumentParser, more: str = "") -> None:
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=_DATA,
+        metavar="DIR",
+        help=f"the real recordings and stem maps (default: {_DATA})",
+    )
+    parser.add_argument(
+        "--only",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help=f"sections that begin with this, may be repeated{more}",
+    )
 
 
 def _add_seeds(parser: argparse.ArgumentParser, default: range, takes: str) -> None:

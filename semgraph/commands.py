@@ -66,7 +66,7 @@ def run(
         opened = open_source(source, settings.source)
     folder = output or staging.new_results_folder(RESULTS, datetime.now().astimezone())
     perceiver, trace = Perceiver(opened.recording, settings, live), Trace()
-    effective = _effective(source, settings, perceiver)
+    effective = effective_settings(source, settings, perceiver)
     recording = opened.recording
     pace = None if online_speed is None else Pace(online_speed)
     with (
@@ -239,7 +239,7 @@ def detect(
             file = staged / PERCEPTIONS_FILE
             seen = write_detections(recording, perceiver, file, report, _NUM_SHOWN)
         draw_detections(recording.name, seen, staged / DETECTIONS_PNG)
-        results.write_settings(staged, _effective(source, settings, perceiver))
+        results.write_settings(staged, effective_settings(source, settings, perceiver))
     _print_efforts(console, efforts.table(), perceiver.bank.faults)
     console.print(f"written: {folder}, look at {folder / DETECTIONS_PNG}")
 
@@ -270,11 +270,32 @@ def bench_online(seeds: Sequence[int], output: Path | None) -> None:
     _bench("online", SECTIONS, seeds, output)
 
 
+def bench_constellation(seeds: Sequence[int], output: Path | None) -> None:
+    """Measures how surely groups of landmarks are found in maps, prints and writes it."""
+    from evaluation.bench_constellation import SECTIONS
+
+    _bench("constellation", SECTIONS, seeds, output)
+
+
 def bench_refine(seeds: Sequence[int], output: Path | None) -> None:
     """Measures the figures of the offline refinement, prints and writes them."""
     from evaluation.bench_refine import SECTIONS
 
     _bench("refine", SECTIONS, seeds, output)
+
+
+def bench_localization(
+    seeds: Sequence[int], output: Path | None, data: Path, only: Sequence[str]
+) -> None:
+    """Measures localization in known maps, prints and writes the figures.
+
+    Raises:
+        InputError: no section begins with a name of `only`.
+    """
+    from evaluation.bench import chosen
+    from evaluation.bench_localization import sections
+
+    _bench("localization", chosen(sections(data), only), seeds, output)
 
 
 def _bench(
@@ -288,7 +309,7 @@ def _bench(
     console.print(f"written: {folder}")
 
 
-def _effective(source: str, settings: Settings, perceiver: Perceiver) -> dict[str, Any]:
+def effective_settings(source: str, settings: Settings, perceiver: Perceiver) -> dict[str, Any]:
     """All settings as they hold, defaults included."""
     effective = settings.model_dump(mode="json")
     options = source_options(source).model_validate(settings.source)

@@ -70,13 +70,16 @@ class FastStep:
 
 
 class FastEstimator:
-    """Follows the robot from scan to scan in a map that it builds as it goes."""
+    """Follows the robot from scan to scan in a map that it builds as it goes, or a fixed one."""
 
-    def __init__(self, settings: FastSettings, map_T_start: Pose2) -> None:
+    def __init__(
+        self, settings: FastSettings, map_T_start: Pose2, fixed_map: NavigationMap | None = None
+    ) -> None:
         self._settings = settings
         self._is_paper = settings.rules is Rules.PAPER
         averaging = Averaging.SIGHTINGS if self._is_paper else Averaging.INFORMATION
-        self._map = NavigationMap(averaging)
+        self._map = NavigationMap(averaging) if fixed_map is None else fixed_map
+        self._is_fixed = fixed_map is not None
         self._motion_noise = MotionNoise(settings.acceleration, settings.angular_acceleration)
         self._map_T_last = UncertainPose2(map_T_start, np.zeros((3, 3)))
         self._map_covariance = settings.map_sigma_m**2 * np.eye(2)
@@ -89,6 +92,12 @@ class FastEstimator:
     def navigation_map(self) -> NavigationMap:
         """The map as it stands; a later `step` changes it."""
         return self._map
+
+    def restart(self, map_T_base: UncertainPose2, stamp_ns: int) -> None:
+        """The pose at a time is known from elsewhere; the movement up to it is not."""
+        self._map_T_last = map_T_base
+        self._last_motion, self._last_seconds = Pose2(), 0.0
+        self._last_stamp_ns = stamp_ns
 
     def step(self, perceptions: Perceptions, odometry: UncertainPose2 | None) -> FastStep:
         """The pose at these perceptions, after which they are in the map.
@@ -126,7 +135,9 @@ class FastEstimator:
     ) -> tuple[LocalMap, Matches]:
         """Step 1: what is perceived, in the map, by the best of several proposed rotations."""
         radius_m = self._settings.search_radius_m
-        near = local_map(self._map, map_T_proposed.pose, perceptions, 2.0 * radius_m, self._since_m)
+        near = local_map(
+            self._map, map_T_proposed.pose, perceptions, 2.0 * radius_m, self.remembered_since_m
+        )
         rotations = self._rotations(perceptions, map_T_proposed)
         assignment = Assignment.NEAREST if self._is_paper else Assignment.ONE_TO_ONE
         rule = SweepRule.LOWEST_MEAN_DEVIATION if self._is_paper else SweepRule.MOST_MATCHES
@@ -215,12 +226,14 @@ class FastEstimator:
     def _update_map(
         self, perceptions: Perceptions, map_T_base: UncertainPose2, near: LocalMap, matches: Matches
     ) -> IntArray:
-        """Step 3: matched landmarks are sighted once more, new ones inserted."""
+        """Step 3: matched landmarks are sighted once more, new ones inserted; none if fixed."""
+        landmark_ids = np.full(len(perceptions), -1, dtype=np.int64)
+        landmark_ids[matches.rows] = near.ids[matches.columns]
+        if self._is_fixed:
+            return landmark_ids
         positions, covariances = map_T_base.transform(
             perceptions.base_t_landmarks(), perceptions.base_covariances()
         )
-        landmark_ids = np.full(len(perceptions), -1, dtype=np.int64)
-        landmark_ids[matches.rows] = near.ids[matches.columns]
         sighted = np.unique(landmark_ids[matches.rows], return_index=True)[1]
         rows = matches.rows[sighted]
         self._map.update(
@@ -244,7 +257,9 @@ class FastEstimator:
         radius_m = settings.search_radius_m if self._is_paper else settings.insert_radius_m
         is_new = landmark_ids < 0
         for k in np.flatnonzero(is_new & (perceptions.identities == "")):
-            neighbours = self._map.kinds(self._map.near(positions[k], radius_m, self._since_m))
+            neighbours = self._map.kinds(
+                self._map.near(positions[k], radius_m, self.remembered_since_m)
+            )
             is_new[k] = not (neighbours == perceptions.kinds[k]).any()
         return is_new
 
@@ -261,7 +276,7 @@ class FastEstimator:
         Elsewhere nothing can be matched: a map that only remembers forgets what it had, for what
         it would match now it would match by chance.
         """
-        placed = find_pose(self._map, perceptions, map_T_proposed, self._since_m)
+        placed = find_pose(self._map, perceptions, map_T_proposed, self.remembered_since_m)
         if placed is not None:
             return placed
         if np.isfinite(self._settings.memory_m):
@@ -269,7 +284,7 @@ class FastEstimator:
         return map_T_proposed
 
     @property
-    def _since_m(self) -> float:
+    def remembered_since_m(self) -> float:
         """The distance driven before which landmarks are forgotten."""
         return self._driven_m - self._settings.memory_m
 

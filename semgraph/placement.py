@@ -167,7 +167,9 @@ class Likelihood:
                 np.full((1, len(quantiles_m)), _DOUBT**0.5 * sigma_m),
             )
             if len(quantiles_m):
-                chances[rows] = np.logaddexp.reduce(each, axis=1) - np.log(len(quantiles_m))
+                # Without a diameter there is none: NaN, which the gains leave out.
+                with np.errstate(invalid="ignore"):
+                    chances[rows] = np.logaddexp.reduce(each, axis=1) - np.log(len(quantiles_m))
         return chances
 
     def _expected(self, pose: Pose2) -> IntArray:

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from semgraph.errors import SettingsError, known_names
 from semgraph.fast_estimator import FastSettings
+from semgraph.localizer import LocalizerSettings
 from semgraph.online import OnlineSettings
 from semgraph.smoother import SmootherSettings
 
@@ -35,6 +36,7 @@ class Settings(BaseModel):
     fast: FastSettings = FastSettings()
     tracker: TrackerSettings = TrackerSettings()
     smoother: SmootherSettings = SmootherSettings()
+    localizer: LocalizerSettings = LocalizerSettings()
     online: OnlineSettings = OnlineSettings()
 
 
@@ -105,9 +107,10 @@ def _validated(tables: Mapping[str, Any], where: str) -> Settings:
 
 def _known(sections: Sequence[str]) -> list[str]:
     """The names that a section, or the file, may hold."""
-    if not sections:
-        return list(Settings.model_fields)
-    annotation = Settings.model_fields[sections[0]].annotation
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return list(annotation.model_fields)
-    return []
+    model: type[BaseModel] = Settings
+    for section in sections:
+        annotation = model.model_fields[section].annotation
+        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+            return []
+        model = annotation
+    return list(model.model_fields)

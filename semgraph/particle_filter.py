@@ -1,0 +1,323 @@
+"""Finds and follows the robot in a known map by weighed hypotheses (paper section 3.2).
+
+The belief is a mixture: particles that are followed, and a rest, the probability that the robot is
+elsewhere in the map (pose_quality.py). As long as the rest matters, places are proposed by what
+was seen lately, all of it at once and anew after each scan, and weighed by what of the rest they
+stand for (importance sampling). The place that wins is followed from then on.
+"""
+
+from typing import Final
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.belief import Belief, Region
+from semgraph.geometry import UncertainPose2, wrap_angle
+from semgraph.landmarks import Perceptions
+from semgraph.likelihood_field import Seen
+from semgraph.particles import (
+    Gaussian,
+    Particles,
+    compose,
+    kld_number,
+    log_sum,
+    num_bins,
+    systematic,
+    volume_of_bins,
+)
+from semgraph.pose_likelihood import LikelihoodSettings, PoseLikelihood
+from semgraph.pose_proposals import PoseProposals
+from semgraph.pose_quality import Elsewhere, UsualSight
+
+_SEEDS_EACH: Final = 40
+# Seeds and refined particles are drawn wider than what they stand for.
+_WIDER: Final = 1.3
+# Below this spread the cloud is one Gaussian.
+_COMPACT_M: Final = 0.5
+_COMPACT_RAD: Final = 0.1
+# How surely a start is right, within a radius or at a pose.
+_START_IS_RIGHT: Final = 0.99
+_START_ERRS: Final = 0.01
+# Where the robot is if it is no longer where it was: as probably near as anywhere.
+_NEAR_M: Final = 10.0
+_IS_NEAR: Final = 0.5
+# A motion less sure than this leaves no track.
+_UNTRACKED_M: Final = 1.0
+_WITHIN_M: Final = 1.0
+# Places are proposed as long as the rest is at least this, and followed above that.
+_PROPOSED_ABOVE: Final = 0.05
+_FOLLOWED_ABOVE: Final = 0.99
+# Proposed places as near as this to the one that is followed are the same.
+_SAME_RAD: Final = 0.3
+# Particles farther apart than twice this are too few to begin with; then proposals alone begin.
+_COARSEST_M: Final = 0.3
+
+
+class FilterSettings(BaseModel):
+    """Settings of the particle filter.
+
+    `carried_off` is the probability that the robot is carried off between two scans, `leaps` that
+    it makes a leap where nothing but the scans themselves measures its motion.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    least_particles: int = Field(300, ge=50, le=10_000)
+    most_particles: int = Field(100_000, ge=1_000, le=2_000_000)
+    carried_off: float = Field(1e-4, gt=0.0, lt=0.5)
+    leaps: float = Field(1e-2, gt=0.0, lt=0.5)
+    likelihood: LikelihoodSettings = LikelihoodSettings()
+
+
+class ParticleFilter:
+    """The belief about one robot's pose in one map; it starts anywhere in it."""
+
+    def __init__(
+        self, likelihood: PoseLikelihood, settings: FilterSettings, rng: np.random.Generator
+    ) -> None:
+        self._likelihood = likelihood
+        self._proposals = PoseProposals(likelihood)
+        self._settings = settings
+        self._rng = rng
+        self.usual = UsualSight()
+        # Whether the particles stand for anything, or are as good as none.
+        self._follows = False
+        # Particles of all places beside each other, and how certain it is that it is one of them.
+        self._proposed: tuple[Particles, float] | None = None
+        self.start_anywhere()
+
+    def start_anywhere(self) -> None:
+        """Nothing is known."""
+        fixed_map = self._likelihood.fixed_map
+        n = self._num_spread(fixed_map.area_m2)
+        points = self._rng.uniform(*fixed_map.bounds(), (n, 2))
+        self._spread(points, fixed_map.area_m2, Region())
+
+    def start_within(self, map_t_point: FloatArray, radius_m: float) -> None:
+        """The robot is within a radius of a point (2,), its heading unknown."""
+        n = self._num_spread(np.pi * radius_m**2)
+        angles = self._rng.uniform(-np.pi, np.pi, n)
+        out_m = radius_m * np.sqrt(self._rng.uniform(0.0, 1.0, n))
+        around = np.column_stack([np.cos(angles), np.sin(angles)]) * out_m[:, None]
+        x, y = map_t_point.tolist()
+        region = Region((x, y), radius_m, _START_IS_RIGHT)
+        self._spread(map_t_point + around, np.pi * radius_m**2, region)
+
+    @property
+    def elsewhere(self) -> Elsewhere:
+        """The probability that the robot is where no particle is."""
+        return self._elsewhere
+
+    def start_at(self, map_T_base: UncertainPose2, doubt: Elsewhere | None = None) -> None:
+        """The pose is known with a covariance, but for a doubt: then it is near, or anywhere."""
+        gaussian = Gaussian.of_pose(map_T_base)
+        poses = gaussian.draw(self._settings.least_particles, self._rng)
+        self._particles = Particles.alike(poses)
+        self._elsewhere = doubt or Elsewhere(_START_ERRS)
+        self._region = Region((map_T_base.pose.x, map_T_base.pose.y), _NEAR_M, _IS_NEAR)
+        self._follows = True
+        self._blur = (0.0, 0.0)
+        self._proposed = None
+
+    def _num_spread(self, area_m2: float) -> int:
+        """As many particles as there may be, or few where these would stand too far apart."""
+        most = self._settings.most_particles
+        is_fine = _blur(2.0 * np.pi * area_m2 / most)[0] <= _COARSEST_M
+        return most if is_fine else self._settings.least_particles
+
+    def _spread(self, map_t_points: FloatArray, area_m2: float, region: Region) -> None:
+        n = len(map_t_points)
+        headings = self._rng.uniform(-np.pi, np.pi, n)
+        self._particles = Particles.alike(np.column_stack([map_t_points, headings]))
+        self._region = region
+        self._blur = _blur(2.0 * np.pi * area_m2 / n)
+        self._follows = n > self._settings.least_particles
+        rest = _START_ERRS if self._follows else 1.0 - 1e-9
+        self._elsewhere = Elsewhere(rest)
+        self._proposed = None
+
+    def step(
+        self,
+        perceptions: Perceptions,
+        motion: UncertainPose2,
+        lately: Perceptions | None = None,
+        carried_off: float | None = None,
+    ) -> Belief:
+        """The belief after a motion last_T_current and what is perceived then.
+
+        Args:
+            perceptions: relative to base.
+            motion: last_T_current.
+            lately: all that was seen lately, each thing once, relative to base now; what is
+                perceived now where there is no more.
+            carried_off: the probability that it was no such motion; by default the settings'.
+        """
+        self._move(motion, self._settings.carried_off if carried_off is None else carried_off)
+        self._proposed = None
+        if len(perceptions):
+            self.usual.add(perceptions.ranges_m)
+            evidence = 0.0
+            if self._follows:
+                evidence = self._weigh(self._likelihood.see(perceptions))
+                evidence += self.by_numbers(self._particles.gaussian().mean)
+                self._elsewhere.weigh(evidence)
+            if self._elsewhere.probability > _PROPOSED_ABOVE or evidence < 0.0:
+                self._propose(perceptions if lately is None else lately)
+        return self.belief(perceptions.stamp_ns)
+
+    def belief(self, stamp_ns: int) -> Belief:
+        """As it stands."""
+        particles, certain = self._particles, 1.0 - self._elsewhere.probability
+        if self._proposed is not None:
+            particles, certain = self._proposed
+        place, share = particles.likeliest(_WITHIN_M)
+        return Belief(
+            stamp_ns,
+            place.pose(),
+            min(certain * share, 1.0),
+            self._proposed is None and self._is_compact(),
+            len(particles),
+        )
+
+    def by_numbers(self, map_T_base: FloatArray) -> float:
+        """Log evidence for a place (3,) by how many things there are to be seen."""
+        sparseness = self._likelihood.sparseness(map_T_base[:2], self.usual.reach_m)
+        return self.usual.evidence(sparseness)
+
+    def _is_compact(self) -> bool:
+        return self._particles.gaussian().is_within(_COMPACT_M, _COMPACT_RAD)
+
+    def _move(self, motion: UncertainPose2, carried_off: float) -> None:
+        noise = self._rng.multivariate_normal(
+            np.zeros(3), motion.covariance, len(self._particles), method="eigh"
+        )
+        moved = compose(np.broadcast_to(motion.pose.as_array(), noise.shape), noise)
+        self._particles = Particles(compose(self._particles.poses, moved), self._particles.weights)
+        self._elsewhere.move(motion.pose, carried_off)
+        sigma_m = float(np.sqrt(np.linalg.eigvalsh(motion.covariance[:2, :2])[-1]))
+        if sigma_m > _UNTRACKED_M:
+            self._lose_track(3.0 * sigma_m)
+
+    def _lose_track(self, radius_m: float) -> None:
+        """Too few particles for where the robot may have got to: seeds take over."""
+        place, _ = self._particles.likeliest(_WITHIN_M)
+        x, y = place.mean[:2].tolist()
+        here = 1.0 - self._elsewhere.probability
+        self._region = Region((x, y), radius_m, min(here, _START_IS_RIGHT))
+        self._follows = False
+        self._elsewhere = Elsewhere(1.0 - 1e-9)
+        self._proposed = None
+
+    def _weigh(self, seen: Seen) -> float:
+        """Log of how much better what is followed, weighed, explains the scan than elsewhere."""
+        is_compact = self._is_compact()
+        if is_compact:
+            poses, log_weights = self._refined(seen)
+        else:
+            poses = self._particles.poses
+            blurred = seen.blurred(*self._blur)
+            with np.errstate(divide="ignore"):
+                log_weights = np.log(self._particles.weights)
+            log_weights = log_weights + self._likelihood.log_likelihoods(blurred, poses)
+        evidence = log_sum(log_weights)
+        self._particles = Particles(poses, np.exp(log_weights - evidence))
+        if not is_compact:
+            self._resample()
+        return evidence
+
+    def _propose(self, lately: Perceptions) -> None:
+        """Weighs places of the rest beside what is followed, which one of them may succeed."""
+        seeds, log_weights, places = self._seeds(lately)
+        if not len(seeds):
+            return
+        rest = self._elsewhere.probability
+        log_weights = log_weights + np.log(rest)
+        log_total = float(np.logaddexp(0.0, log_sum(log_weights)))
+        weights = np.exp(log_weights - log_total)
+        followed = (1.0 - rest) * np.exp(-log_total)
+        sums = np.bincount(places, weights)
+        if sums.max() > _FOLLOWED_ABOVE:
+            is_it = places == sums.argmax()
+            self._follow(Particles(seeds[is_it], weights[is_it] / sums.max()), float(sums.max()))
+            return
+        certain = followed + float(weights.sum())
+        self._proposed = (
+            Particles(
+                np.concatenate([self._particles.poses, seeds]),
+                np.concatenate([followed * self._particles.weights, weights]) / certain,
+            ),
+            certain,
+        )
+
+    def _follow(self, place: Particles, certain: float) -> None:
+        n = self._settings.least_particles
+        self._particles = Particles.alike(place.poses[systematic(place.weights, n, self._rng)])
+        self._blur = (0.0, 0.0)
+        self._elsewhere = Elsewhere(1.0 - certain, driven_m=0.0)
+        self._region = Region()
+        self._follows = True
+
+    def _refined(self, seen: Seen) -> tuple[FloatArray, FloatArray]:
+        """Particles where prior and scan agree, half of them where the prior alone has them.
+
+        Their log weights say by how much posterior exceeds what they were drawn from. Particles of
+        the prior alone would nearly all be wasted where the scan is much sharper.
+        """
+        n = self._settings.least_particles
+        prior = self._particles.gaussian()
+        fused = Gaussian.of_pose(self._proposals.refine(seen, prior.pose())).wider(_WIDER)
+        poses = np.concatenate([prior.draw(n // 2, self._rng), fused.draw(n - n // 2, self._rng)])
+        log_prior, log_fused = prior.log_densities(poses), fused.log_densities(poses)
+        log_drawn = np.logaddexp(log_prior, log_fused) - np.log(2.0)
+        log_likelihoods = self._likelihood.log_likelihoods(seen, poses)
+        return poses, log_prior - log_drawn + log_likelihoods - np.log(n)
+
+    def _seeds(self, lately: Perceptions) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Particles about proposed places, log weights against the rest, number of the place."""
+        area_m2, seen = self._likelihood.fixed_map.area_m2, self._likelihood.see(lately)
+        poses: list[FloatArray] = [np.zeros((0, 3))]
+        log_weights: list[FloatArray] = [np.zeros(0)]
+        for proposed in self._proposals.propose(lately, seen):
+            place = Gaussian.of_pose(proposed).wider(_WIDER)
+            if self._is_followed(place):
+                continue
+            drawn = place.draw(_SEEDS_EACH, self._rng)
+            stands_for = self._region.log_densities(drawn, area_m2) - place.log_densities(drawn)
+            log_likelihoods = self._likelihood.log_likelihoods(seen, drawn)
+            poses.append(drawn)
+            log_likelihoods = log_likelihoods + self.by_numbers(place.mean)
+            log_weights.append(stands_for + log_likelihoods - np.log(len(drawn)))
+        places = np.repeat(np.arange(len(poses) - 1), _SEEDS_EACH)
+        return np.concatenate(poses), np.concatenate(log_weights), places
+
+    def _is_followed(self, place: Gaussian) -> bool:
+        if self._elsewhere.probability > 0.5 or not self._is_compact():
+            return False
+        x, y, theta = place.mean - self._particles.gaussian().mean
+        return bool(np.hypot(x, y) < _WITHIN_M and abs(wrap_angle(float(theta))) < _SAME_RAD)
+
+    def _resample(self) -> None:
+        """As many as the places that are left need, if too few carry the weight."""
+        settings, particles = self._settings, self._particles
+        if particles.effective > 0.5 * len(particles) and len(particles) <= settings.most_particles:
+            return
+        bins = num_bins(particles.poses[systematic(particles.weights, len(particles), self._rng)])
+        n = int(np.clip(kld_number(bins), settings.least_particles, settings.most_particles))
+        poses = particles.poses[systematic(particles.weights, n, self._rng)]
+        # A particle that was weighed with a blur stands for all within it.
+        sigma_m, sigma_rad = self._blur
+        poses = poses + self._rng.standard_normal((n, 3)) * (sigma_m, sigma_m, sigma_rad)
+        poses[:, 2] = wrap_angle(poses[:, 2])
+        self._particles = Particles.alike(poses)
+        self._blur = (0.0, 0.0) if self._is_compact() else _blur(volume_of_bins(bins) / n)
+
+
+# At what distance a turn matters as much as a move.
+_LEVER_M: Final = 8.0
+
+
+def _blur(volume: float) -> tuple[float, float]:
+    """(m, rad) half the distance between particles of which each has a volume in m2 rad."""
+    apart_m = (volume * _LEVER_M) ** (1.0 / 3.0)
+    return 0.5 * apart_m, 0.5 * apart_m / _LEVER_M

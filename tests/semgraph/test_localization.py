@@ -1,0 +1,76 @@
+"""semgraph localize as a user types it, and the files that it leaves."""
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from semgraph.cli import main
+from semgraph.localization import QUALITY_COLUMNS
+from semgraph.results import read
+
+COURSE = (
+    *("--set", "seed=3", "--set", "track_radius_m=10", "--set", "num_trees=40"),
+    *("--set", "lap_s=12", "--set", "overlap_s=1", "--set", "odometry=true"),
+)
+
+
+@pytest.fixture(scope="module")
+def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of a run over the course, with a map."""
+    folder = tmp_path_factory.mktemp("mapped") / "run"
+    assert main(["run", "course:perceptions", *COURSE, "--output", str(folder)]) == 0
+    return folder
+
+
+def localized(mapped: Path, *arguments: str) -> Path:
+    output = mapped.parent / f"localized{len(arguments)}"
+    command = ["localize", "course:perceptions", *COURSE, "--map", str(mapped / "map.json")]
+    assert main([*command, *arguments, "--output", str(output)]) == 0
+    return output
+
+
+def test_it_is_found_from_anywhere(mapped: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = localized(mapped)
+    printed = capsys.readouterr().out
+    assert "poses are within 1 m by 95 % or more" in printed
+    result = read(folder)
+    with (folder / "quality.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == QUALITY_COLUMNS
+    assert len(rows) == len(result.smoothed) == result.num_scans == 131
+    assert float(rows[-1]["quality"]) > 0.95
+    assert rows[-1]["estimator"] == "fast"
+    assert "fast estimator takes over" in result.events[0]
+    assert (folder / "localization.png").stat().st_size > 10_000
+    assert (folder / "trajectory_particles.tum").exists()
+    assert (folder / "map.csv").read_bytes() == (mapped / "map.csv").read_bytes()
+    rmse = next(line for line in printed.splitlines() if line.startswith("RMSE"))
+    assert float(rmse.split(": ")[1].split(" m")[0]) < 0.15
+
+
+def test_a_start_within_a_radius(mapped: Path) -> None:
+    assert len(read(localized(mapped, "--radius", "3", "10", "0")).smoothed) == 131
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["--map", "nothing.json"], "nothing.json: expected a file"),
+        (["--map", "list.csv", "--radius", "-1", "0", "0"], "expected a radius above 0"),
+        (["--map", "list.csv", "--set", "localizer.sed=1"], "did you mean 'seed'"),
+        (["--map", "list.csv", "--set", "localizer.particles.leap=1"], "did you mean 'leaps'"),
+    ],
+)
+def test_what_cannot_be_is_told_in_one_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    reason: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("list.csv").write_text("x_m,y_m,kind,diameter_m\n1,2,tree,0.3\n")
+    assert main(["localize", "course:perceptions", *COURSE, *arguments, "--output", "out"]) == 1
+    assert reason in capsys.readouterr().err
+    assert not Path("out").exists()
