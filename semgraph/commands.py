@@ -162,7 +162,7 @@ def refine(
     Raises:
         SemgraphError: anything that a user can put right.
     """
-    from evaluation.figures import draw_refinement
+    from evaluation.figures.refinement import draw_refinement
 
     console = Console(soft_wrap=True)
     settings = load_settings(settings_file, assignments)

@@ -5,7 +5,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, final
+from typing import TYPE_CHECKING, Any, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from semgraph.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
 from semgraph.errors import InputError, SemgraphError
 from semgraph.estimates import Trajectory
-from semgraph.fast_estimator import FastStep
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions, concatenate
 from sensors.npz_files import load_npz
 from sensors.views import View
+
+if TYPE_CHECKING:
+    from semgraph.fast_estimator import FastStep
 
 LOG_NPZ: Final = "log.npz"
 # Looks from places nearer than this are one look.
@@ -94,7 +96,7 @@ class LogRecorder:
         self._views: list[tuple[int, View]] = []
         self._looked_from: Pose2 | None = None
 
-    def add(self, step: FastStep, perceptions: Perceptions, views: Sequence[View]) -> None:
+    def add(self, step: "FastStep", perceptions: Perceptions, views: Sequence[View]) -> None:
         """One scan of the tracker; of views one every 0.3 m is kept."""
         base, last = step.map_T_base.pose, self._looked_from
         is_apart = last is None or np.hypot(base.x - last.x, base.y - last.y) >= _LOOKS_APART_M

@@ -4,7 +4,6 @@ from evaluation.figures.detections import draw_detections
 from evaluation.figures.errors import draw_errors
 from evaluation.figures.localization import draw_localization
 from evaluation.figures.map import draw_map
-from evaluation.figures.refinement import draw_refinement
 from evaluation.figures.rotation import draw_rotation
 
 __all__ = [
@@ -12,6 +11,5 @@ __all__ = [
     "draw_errors",
     "draw_localization",
     "draw_map",
-    "draw_refinement",
     "draw_rotation",
 ]
