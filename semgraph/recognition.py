@@ -34,6 +34,7 @@ _MAP_SIGMA_M: Final = 0.1
 _LEAST_SEEN: Final = 4
 _LEAST_SIGHTINGS: Final = 3
 _MAX_MAPPED: Final = 5000
+_WELL_KNOWN_M: Final = 1.0
 
 
 def is_lost(graph: FactorGraph) -> bool:
@@ -76,7 +77,10 @@ def recognise(
     mapped = _older(graph, landmarks, set(recent), map_T_base, sigma_m)
     if len(mapped) < _LEAST_SEEN:
         return None
-    here = _constellation(landmarks, seen, *_relative(graph, seen, map_T_base))
+    seen, positions, covariances = _well_known(graph, seen, map_T_base)
+    if len(seen) < _LEAST_SEEN:
+        return None
+    here = _constellation(landmarks, seen, positions, covariances)
     places = np.array(list(mapped.values()))
     known = np.tile(_MAP_SIGMA_M**2 * np.eye(2), (len(mapped), 1, 1))
     index = MapIndex(_constellation(landmarks, list(mapped), places, known))
@@ -105,12 +109,18 @@ def _older(
     return {landmark: places[landmark] for landmark in nearest[:_MAX_MAPPED]}
 
 
-def _relative(
+def _well_known(
     graph: FactorGraph, seen: Sequence[int], map_T_base: Pose2
-) -> tuple[FloatArray, FloatArray]:
-    """(n, 2) m in base and (n, 2, 2) of landmarks, as if the last pose were known."""
-    places = map_T_base.inverse().transform(np.array([graph.landmark(each) for each in seen]))
-    return places, graph.covariances_given_last_pose(seen)
+) -> tuple[list[int], FloatArray, FloatArray]:
+    """Of the landmarks seen those that are known to a metre, if the last pose were known.
+
+    With their (n, 2) m in base and covariances (n, 2, 2).
+    """
+    positions = map_T_base.inverse().transform(np.array([graph.landmark(each) for each in seen]))
+    covariances = graph.covariances_given_last_pose(seen)
+    is_known = np.linalg.eigvalsh(covariances)[:, -1] <= _WELL_KNOWN_M**2
+    known = [each for each, is_in in zip(seen, is_known.tolist(), strict=True) if is_in]
+    return known, positions[is_known], covariances[is_known]
 
 
 def _constellation(
