@@ -1,4 +1,4 @@
-"""Maps to localize in: what an earlier run wrote, or a list of stems."""
+"""Maps that are given, to localize in or to refine: what a run wrote, or a list of stems."""
 
 from pathlib import Path
 from typing import Final
@@ -11,16 +11,21 @@ from semgraph.map_files import CSV_COLUMNS, read_map_json
 from semgraph.tables import Row, column_floats, read_csv_rows, read_text
 
 LIST_COLUMNS: Final = ("x_m", "y_m", "kind", "diameter_m")
-STEM_COLUMNS: Final = ("x", "y", "mark")
+STEM_COLUMNS: Final = (("x", "y"), ("x", "y", "diameter"))
+MARK_COLUMNS: Final = ("x", "y", "mark")
 _MOST_LANDMARKS: Final = 1_000_000
 # Marks are diameters: in cm if half of them are above this, for no stand has such trunks in m.
 _LARGEST_MEDIAN_M: Final = 3.0
-_LISTED_DIAMETER_SIGMA: Final = 0.05
+# A list says nothing of how its diameters were measured, nor at what height.
+_LISTED_DIAMETER_SIGMA: Final = 0.1
+_LARGEST_LISTED_M: Final = 100.0
 _IDENTITY, _KIND = CSV_COLUMNS.index("identity"), CSV_COLUMNS.index("kind")
 
 
 def read_given_map(path: Path, sigma_m: float) -> tuple[Landmark, ...]:
-    """The landmarks of a map.json, a map.csv, or a list `x_m,y_m,kind,diameter_m` or `x,y,mark`.
+    """The landmarks of a map.json, a map.csv, or a list.
+
+    A list has `x_m,y_m,kind,diameter_m`; of trees alone `x,y`, `x,y,diameter`, or `x,y,mark`.
 
     Args:
         path: the file; of a folder its map.json.
@@ -40,11 +45,12 @@ def _read_table(path: Path, sigma_m: float) -> tuple[Landmark, ...]:
     header = tuple(read_text(path).split("\n", 1)[0].strip().split(","))
     if header == CSV_COLUMNS:
         return _of_run(path)
-    if header == STEM_COLUMNS:
-        return _of_stems(path, sigma_m)
-    if header == LIST_COLUMNS:
-        return _of_list(path, sigma_m)
-    known = "; ".join(",".join(columns) for columns in (LIST_COLUMNS, STEM_COLUMNS, CSV_COLUMNS))
+    if header == MARK_COLUMNS:
+        return _of_marks(path, sigma_m)
+    lists = (LIST_COLUMNS, *STEM_COLUMNS)
+    if header in lists:
+        return _of_list(path, header, sigma_m)
+    known = "; ".join(",".join(columns) for columns in (*lists, MARK_COLUMNS, CSV_COLUMNS))
     raise InputError(f"{path} line 1: expected one of the headers {known}; or a map.json")
 
 
@@ -80,8 +86,8 @@ def _landmark(path: Path, row: Row, values: np.ndarray) -> Landmark:
         raise InputError(f"{path} line {row.line}: {error}") from error
 
 
-def _of_stems(path: Path, sigma_m: float) -> tuple[Landmark, ...]:
-    rows = read_csv_rows(path, STEM_COLUMNS)
+def _of_marks(path: Path, sigma_m: float) -> tuple[Landmark, ...]:
+    rows = read_csv_rows(path, MARK_COLUMNS)
     values = column_floats(path, rows, slice(None)).reshape(-1, 3)
     is_cm = len(values) > 0 and float(np.median(values[:, 2])) > _LARGEST_MEDIAN_M
     diameters_m = values[:, 2] * (0.01 if is_cm else 1.0)
@@ -91,10 +97,12 @@ def _of_stems(path: Path, sigma_m: float) -> tuple[Landmark, ...]:
     )
 
 
-def _of_list(path: Path, sigma_m: float) -> tuple[Landmark, ...]:
+def _of_list(path: Path, columns: tuple[str, ...], sigma_m: float) -> tuple[Landmark, ...]:
     landmarks = []
-    for row in read_csv_rows(path, LIST_COLUMNS):
-        x, y, kind, diameter = row.cells
+    for row in read_csv_rows(path, columns):
+        x, y, *more = row.cells
+        kind = more[0] if columns == LIST_COLUMNS else Kind.TREE.label
+        diameter = more[-1] if more else ""
         numbers = column_floats(path, [Row(row.line, (x, y))], slice(None))[0].tolist()
         known = [Row(row.line, (diameter or "nan",))]
         diameter_m = float(column_floats(path, known, slice(None), finite=False)[0, 0])
@@ -111,6 +119,8 @@ def _listed(
 ) -> Landmark:
     x, y, diameter_m = values
     try:
+        if diameter_m > _LARGEST_LISTED_M:
+            raise InputError(f"diameter: expected at most {_LARGEST_LISTED_M:g} m")
         return Landmark(
             row.line - 2,
             semantic_object(kind, diameter_m, _LISTED_DIAMETER_SIGMA * diameter_m),

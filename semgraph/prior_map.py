@@ -9,18 +9,11 @@ import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
 from semgraph.errors import InputError
-from semgraph.landmarks import Kind, Landmark
-from semgraph.map_files import CSV_COLUMNS, read_map_json
-from semgraph.tables import read_text
-from sensors.text_table import TextTable
+from semgraph.given_maps import read_given_map
+from semgraph.landmarks import Landmark
 
 _MAX_LANDMARKS: Final = 200_000
 _LARGEST_M: Final = 1e6
-# A list says nothing of how its diameters were measured, nor at what height.
-_DIAMETER_SIGMA: Final = 0.1
-_COVARIANCE: Final = CSV_COLUMNS[4:8]
-# What lies in a run's folder.
-_RUN_MAP: Final = "map.json"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,58 +91,16 @@ class PriorMap:
 
 
 def read_prior_map(path: Path, sigma_m: float) -> PriorMap:
-    """The map of a run's folder, a map.json, a map.csv, or a table x,y with or without diameter.
+    """All that `read_given_map` reads.
 
     Args:
         path: a file or folder.
-        sigma_m: of one axis, of all landmarks of a table that says nothing of it.
+        sigma_m: of one axis, of all landmarks of a list, which says nothing of it.
 
     Raises:
         InputError: unreadable, or nothing that a map may be.
     """
-    file = path / _RUN_MAP if path.is_dir() else path
-    try:
-        if file.suffix == ".json":
-            return PriorMap.of_landmarks(read_map_json(file))
-        header = read_text(file).partition("\n")[0]
-        return _of_run(file) if "covariance" in header else _of_stems(file, sigma_m)
-    except InputError as error:
-        raise InputError(error if str(file) in str(error) else f"{file}: {error}") from error
-
-
-def _of_run(file: Path) -> PriorMap:
-    table = TextTable.of_csv(file, CSV_COLUMNS)
-    xx, xy, yx, yy = (table.numbers(name) for name in _COVARIANCE)
-    covariances = np.stack([xx, 0.5 * (xy + yx), 0.5 * (xy + yx), yy], axis=1).reshape(-1, 2, 2)
-    return PriorMap(
-        tuple(table.text("id")),
-        np.array([Kind.from_label(label) for label in table.text("kind")], dtype=np.int64),
-        _positions(table, "x_m", "y_m"),
-        covariances,
-        table.numbers("diameter_m", above=0.0, or_none=True),
-        table.numbers("diameter_sigma_m", above=0.0, or_none=True),
-        tuple(table.text("identity")),
-    )
-
-
-def _of_stems(file: Path, sigma_m: float) -> PriorMap:
-    table = TextTable.of_csv(file, ("x", "y"), ("diameter",))
-    k = len(table)
-    diameters_m = np.full(k, np.nan)
-    if "diameter" in table.columns:
-        diameters_m = table.numbers("diameter", above=0.0, at_most=100.0, or_none=True)
-    return PriorMap(
-        tuple(str(line) for line in table.lines.tolist()),
-        np.full(k, Kind.TREE),
-        _positions(table, "x", "y"),
-        np.broadcast_to(sigma_m**2 * np.eye(2), (k, 2, 2)),
-        diameters_m,
-        _DIAMETER_SIGMA * diameters_m,
-        ("",) * k,
-    )
-
-
-def _positions(table: TextTable, x: str, y: str) -> FloatArray:
-    return np.column_stack(
-        [table.numbers(name, above=-_LARGEST_M, at_most=_LARGEST_M) for name in (x, y)]
-    )
+    prior = PriorMap.of_landmarks(read_given_map(path, sigma_m))
+    if not (np.abs(prior.map_t_landmarks) <= _LARGEST_M).all():
+        raise InputError(f"{path}: expected positions within {_LARGEST_M:g} m")
+    return prior

@@ -43,6 +43,18 @@ def test_lists_have_kinds_and_diameters(tmp_path: Path) -> None:
     np.testing.assert_allclose(marker.covariance, 0.04 * np.eye(2))
 
 
+@pytest.mark.parametrize(
+    ("text", "diameter_m"), [("x,y\n1,2\n", None), ("x,y,diameter\n1,2,0.3\n", 0.3)]
+)
+def test_stems_are_trees(tmp_path: Path, text: str, diameter_m: float | None) -> None:
+    """The same lists for `localize` and for `refine`."""
+    path = tmp_path / "stems.csv"
+    path.write_text(text)
+    (tree,) = read_given_map(path, 0.2)
+    assert tree.semantics.kind is Kind.TREE
+    assert (tree.semantics.diameter and tree.semantics.diameter.mean_m) == diameter_m
+
+
 @pytest.mark.parametrize(("marks", "diameter_m"), [("20\n30", 0.2), ("0.2\n0.3", 0.2)])
 def test_stems_are_in_cm_or_m(tmp_path: Path, marks: str, diameter_m: float) -> None:
     path = tmp_path / "stems.csv"
@@ -63,6 +75,7 @@ def test_stems_are_in_cm_or_m(tmp_path: Path, marks: str, diameter_m: float) -> 
         ("x,y,mark\n1,nan,3\n", "line 2: expected finite"),
         ("x,y,mark\n1,2,-3\n", "line 2: diameter"),
         ("x,y,mark\n1,2\n", "line 2: expected 3 values"),
+        ("x,y,diameter\n1,2,101\n", "line 2: diameter"),
         ("x_m,y_m,kind,diameter_m\n1,2,bush,\n", "line 2: kind"),
         ("x_m,y_m,kind,diameter_m\n1,,tree,\n", "line 2: expected a number"),
     ],
