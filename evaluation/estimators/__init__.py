@@ -1,0 +1,1 @@
+"""Estimators side by side, each by name, for studies."""

@@ -1,0 +1,1 @@
+"""Estimators on the same data, many times: trials, their execution, and what they say together."""
