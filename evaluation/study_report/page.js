@@ -43,10 +43,10 @@
     return made;
   }
 
-  const three = (value) => value === null ? "–" : String(Number(value.toPrecision(3)));
+  const three = (value) => value === null ? "–" : String(Number(value.toPrecision(3))).replace("-", "−");
 
-  function ticks(low, high) {
-    const raw = (high - low) / 5, power = 10 ** Math.floor(Math.log10(raw));
+  function ticks(low, high, least) {
+    const raw = Math.max((high - low) / 5, least), power = 10 ** Math.floor(Math.log10(raw));
     const step = [1, 2, 5, 10].map((f) => f * power).find((s) => s >= raw * 0.999);
     const found = [];
     for (let k = Math.ceil(low / step); k <= high / step; k++) found.push(k * step);
@@ -77,11 +77,11 @@
     let grid = "";
     const word = (x, y, text, anchor, cls) =>
       svg.append(make("text", { x: x.toFixed(1), y: y.toFixed(1), "text-anchor": anchor, class: cls || "" }, text));
-    for (const tick of ticks(x0, x1)) {
+    for (const tick of ticks(x0, x1, 0)) {
       grid += `M${px(tick).toFixed(1)} ${T}v${h}`;
       word(px(tick), T + h + 16, three(tick), "middle");
     }
-    for (const tick of ticks(y0, y1)) {
+    for (const tick of ticks(y0, y1, log && y1 - y0 > 1.5 ? 1 : 0)) {
       grid += `M${L} ${py(tick).toFixed(1)}h${w}`;
       word(L - 7, py(tick) + 4, three(log ? 10 ** tick : tick), "end");
     }
@@ -100,7 +100,7 @@
       const width = line.dots ? { "stroke-width": line.dots } : {};
       svg.append(make("path", { class: `${line.dots ? "dots" : "line"} ${line.class}`, d, ...width }));
     }
-    return make("figure", {}, svg, make("figcaption", {}, `${title}: ${description}`));
+    return make("figure", {}, svg, make("figcaption", {}, `${title}, ${description}`));
   }
 
   function points(list) { return { xs: values(list[0]), ys: values(list[1]) }; }
@@ -132,10 +132,10 @@
     const body = make("tbody", {});
     study.metrics.forEach(([name, unit, better], k) => {
       if (trial.values[k] === null) return;
-      body.append(make("tr", {}, make("th", { scope: "row" }, name.replaceAll("_", " ")),
+      body.append(make("tr", {}, make("th", { scope: "row" }, name),
         make("td", {}, three(trial.values[k])), make("td", { class: "words" }, unit), make("td", { class: "words" }, better)));
     });
-    const head = make("tr", {}, ...["metric", "value", "unit", "better"].map((n) => make("th", { scope: "col" }, n)));
+    const head = make("tr", {}, ...["metric", "value", "unit", "better"].map((n, k) => make("th", { scope: "col", class: k > 1 ? "words" : "" }, n)));
     return make("div", { class: "scroll" }, make("table", {}, make("caption", {}, "What was measured"), make("thead", {}, head), body));
   }
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from evaluation.studies.trial import Drawing, Outcome, Series
-from evaluation.study_report.contents import Contents
+from evaluation.study_report.contents import Contents, words_of
 from semgraph.arrays import FloatArray
 
 # Beside it, the page has room for its figures and tables within 5 MB.
@@ -27,7 +27,7 @@ def trial_data(contents: Contents) -> str:
         pairs = _pairs(contents, stride)
         if sum(len(pair["data"]) for pair in pairs) <= _MOST_BYTES:
             break
-    metrics = [[each.name, each.unit, each.better.value] for each in contents.metrics.values()]
+    metrics = [[words_of(each), each.unit, each.better.value] for each in contents.metrics.values()]
     whole = {"again": contents.one_again, "metrics": metrics, "pairs": pairs}
     # Within <script>, only "<" could end the element.
     return json.dumps(whole, separators=(",", ":")).replace("<", "\\u003c")
