@@ -14,7 +14,8 @@ from semgraph.factor_graph import FactorGraph
 from semgraph.factors import Sighting
 from semgraph.fast_estimator import FastEstimator
 from semgraph.geometry import Pose2, UncertainPose2
-from semgraph.landmarks import Perceptions
+from semgraph.landmarks import Kind, Perceptions
+from semgraph.loop_closure import GraphLandmark
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
 from semgraph.perceiving import Perceiver
 from semgraph.pipeline import moments
@@ -34,12 +35,16 @@ class Oracle:
         covariances: (n, 3, 3) of the poses, each in its own frame.
         map_t_landmarks: (2,) of each true landmark that was sighted, by its row.
         landmark_covariances: (2, 2) of the same.
+        known: what else their perceptions say of the same.
+        associations: by stamp, the row of each perception (n,), -1 for none.
     """
 
     trajectory: Trajectory
     covariances: FloatArray
     map_t_landmarks: Mapping[int, FloatArray]
     landmark_covariances: Mapping[int, FloatArray]
+    known: Mapping[int, GraphLandmark]
+    associations: Mapping[int, IntArray]
 
 
 def oracle(source: Source, settings: Settings) -> Oracle:
@@ -55,6 +60,7 @@ def oracle(source: Source, settings: Settings) -> Oracle:
     tracker = FastEstimator(settings.tracker, recording.map_T_start)
     graph = FactorGraph(settings.smoother.start(recording.map_T_start))
     perceiver, stamps_ns = Perceiver(recording, settings), list[int]()
+    known, associations = dict[int, GraphLandmark](), dict[int, IntArray]()
     map_T_world, odom_T_last = recording.map_T_start, recording.map_T_start
     for moment in moments(recording, perceiver, YawRateLog()):
         step = tracker.step(moment.perceptions, moment.odometry)
@@ -68,6 +74,12 @@ def oracle(source: Source, settings: Settings) -> Oracle:
         graph.add_pose(step.motion, map_T_world @ world_T_base)
         stamps_ns.append(step.stamp_ns)
         rows = truth.rows(moment.perceptions, world_T_base)
+        associations[step.stamp_ns] = rows
+        for row in np.flatnonzero(rows >= 0).tolist():
+            landmark, kind = int(rows[row]), Kind(int(moment.perceptions.kinds[row]))
+            known.setdefault(
+                landmark, GraphLandmark(kind, str(moment.perceptions.identities[row]))
+            ).sight(len(stamps_ns) - 1, moment.perceptions, row)
         _sight(graph, moment.perceptions, rows, map_T_world @ world_T_base)
     graph.polish()
     estimate, landmarks = graph.estimate(), graph.landmarks()
@@ -76,6 +88,8 @@ def oracle(source: Source, settings: Settings) -> Oracle:
         graph.pose_covariances(range(1, graph.num_poses)),
         estimate.map_t_landmarks,
         dict(zip(landmarks, graph.landmark_covariances(landmarks), strict=True)),
+        known,
+        associations,
     )
 
 

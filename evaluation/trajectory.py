@@ -132,12 +132,10 @@ def relative_errors(
 
     Source: Geiger et al. 2012 (KITTI), in metres and radians instead of per metre.
     """
-    world_T_bases = true_poses(truth)
-    rows = comparable_rows(estimate, truth.stamps_ns)
-    if world_T_bases is None or len(rows) < 2:
+    both = _both(estimate, truth)
+    if both is None:
         return ()
-    true_T_bases = world_T_bases[rows]
-    map_T_bases = estimate.interpolate(truth.stamps_ns[rows])
+    true_T_bases, map_T_bases = both
     steps = np.linalg.norm(np.diff(true_T_bases[:, :2], axis=0), axis=1)
     along_m = np.concatenate([[0.0], np.cumsum(steps)])
     found = []
@@ -145,15 +143,49 @@ def relative_errors(
         ends = np.searchsorted(along_m, along_m + length_m)
         starts = np.flatnonzero(ends < len(along_m))
         if len(starts):
-            ends = ends[starts]
-            error = relative_poses(
-                relative_poses(true_T_bases[starts], true_T_bases[ends]),
-                relative_poses(map_T_bases[starts], map_T_bases[ends]),
-            )
+            error = _motion_errors(true_T_bases, map_T_bases, starts, ends[starts])
             found.append(
                 RelativeErrors(length_m, len(starts), rmse(error[:, :2]), rmse(error[:, 2]))
             )
     return tuple(found)
+
+
+def frame_errors(estimate: Trajectory, truth: TruePath, frames: int = 1) -> RelativeErrors | None:
+    """RMS errors of the motion over so many compared times; None where there is none.
+
+    From each compared time that is a multiple of `frames`, as evo's relative pose error in frames.
+    The length is the mean one of these segments.
+
+    Source: Sturm et al. 2012, eq. 2.
+    """
+    both = _both(estimate, truth)
+    if both is None or len(both[0]) <= frames:
+        return None
+    true_T_bases, map_T_bases = both
+    starts = np.arange(0, len(true_T_bases) - frames, frames)
+    error = _motion_errors(true_T_bases, map_T_bases, starts, starts + frames)
+    moved = true_T_bases[starts + frames, :2] - true_T_bases[starts, :2]
+    length_m = float(np.linalg.norm(moved, axis=1).mean())
+    return RelativeErrors(length_m, len(starts), rmse(error[:, :2]), rmse(error[:, 2]))
+
+
+def _both(estimate: Trajectory, truth: TruePath) -> tuple[FloatArray, FloatArray] | None:
+    """True and estimated poses (n, 3) at the compared times; None without headings or below two."""
+    world_T_bases = true_poses(truth)
+    rows = comparable_rows(estimate, truth.stamps_ns)
+    if world_T_bases is None or len(rows) < 2:
+        return None
+    return world_T_bases[rows], estimate.interpolate(truth.stamps_ns[rows])
+
+
+def _motion_errors(
+    true_T_bases: FloatArray, map_T_bases: FloatArray, starts: IntArray, ends: IntArray
+) -> FloatArray:
+    """(k, 3) of the motions from each start to its end, in the frame of the true end."""
+    return relative_poses(
+        relative_poses(true_T_bases[starts], true_T_bases[ends]),
+        relative_poses(map_T_bases[starts], map_T_bases[ends]),
+    )
 
 
 def trajectory_difference(first: Trajectory, second: Trajectory) -> float:

@@ -2,16 +2,14 @@
 
 import argparse
 import math
-import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
+from semgraph.argument_types import DATA, AddParser, positive, seeds, sigma
 from semgraph.errors import SemgraphError
+from semgraph.study_arguments import add_study, call_study
 
-_AddParser = Callable[..., argparse.ArgumentParser]
-_MAX_SEEDS = 10_000
-_DATA = Path("..", "shared", "data")
 _SOURCES = """\
 sources:
   course:paper            the paper's round course from laser scans (--set seed=1, odometry=true)
@@ -40,18 +38,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"semgraph: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("semgraph: interrupted; nothing was written", file=sys.stderr)
+        print(f"semgraph: interrupted; {_left_by(parsed.command)}", file=sys.stderr)
         return 130
     return 0
 
 
-def _call(parsed: argparse.Namespace) -> None:
-    from semgraph import commands
+def _left_by(command: str) -> str:
+    """What an interrupted command leaves behind."""
+    if command == "study":
+        return "finished trials are kept, the same command goes on"
+    return "nothing was written"
 
-    own = {"localize": _call_localize, "bench": _call_bench, "refine": _call_refine}
+
+def _call(parsed: argparse.Namespace) -> None:
+    own = {
+        "localize": _call_localize,
+        "bench": _call_bench,
+        "refine": _call_refine,
+        "study": call_study,
+    }
     if parsed.command in own:
         own[parsed.command](parsed)
         return
+    from semgraph import commands
+
     match parsed.command:
         case "demo":
             commands.demo(parsed.output)
@@ -158,7 +168,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument(
         "--speed",
-        type=_speed,
+        type=positive,
         default=math.inf,
         metavar="X",
         help="play the recording at X times real time (default: as fast as it goes)",
@@ -194,10 +204,11 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument("second", type=Path, metavar="DIR", help="the results of another")
     _add_refine(commands.add_parser)
     _add_bench(commands.add_parser)
+    add_study(commands.add_parser)
     return parser
 
 
-def _add_localize(add_parser: _AddParser) -> None:
+def _add_localize(add_parser: AddParser) -> None:
     localize = _add_with_source(add_parser, "localize", "find and follow the robot in a known map")
     localize.add_argument(
         "--map",
@@ -215,7 +226,7 @@ def _add_localize(add_parser: _AddParser) -> None:
     )
 
 
-def _add_with_source(add_parser: _AddParser, name: str, what: str) -> argparse.ArgumentParser:
+def _add_with_source(add_parser: AddParser, name: str, what: str) -> argparse.ArgumentParser:
     """A command that reads a source and takes settings."""
     command = add_parser(
         name,
@@ -232,7 +243,7 @@ def _add_with_source(add_parser: _AddParser, name: str, what: str) -> argparse.A
     return command
 
 
-def _add_refine(add_parser: _AddParser) -> None:
+def _add_refine(add_parser: AddParser) -> None:
     refine = add_parser("refine", help="all measurements of runs at once, offline, robustly")
     refine.add_argument(
         "sources",
@@ -248,7 +259,7 @@ def _add_refine(add_parser: _AddParser) -> None:
     )
     refine.add_argument(
         "--map-sigma",
-        type=_sigma,
+        type=sigma,
         default=0.5,
         metavar="M",
         help="of one axis, for a table (default: 0.5)",
@@ -265,15 +276,7 @@ def _add_refine(add_parser: _AddParser) -> None:
     _add_set(refine, "one setting, as of semgraph run")
 
 
-def _sigma(text: str) -> float:
-    """Metres above zero."""
-    sigma_m = float(text)
-    if not 0.0 < sigma_m <= 100.0:
-        raise argparse.ArgumentTypeError(f"expected 0 to 100 m, got {text}")
-    return sigma_m
-
-
-def _add_bench(add_parser: _AddParser) -> None:
+def _add_bench(add_parser: AddParser) -> None:
     bench = add_parser("bench", help="measure figures of detectors and graph, and their targets")
     benches = bench.add_subparsers(dest="bench", required=True, metavar="WHAT")
     detectors = benches.add_parser("detectors", help="on simulated measurements and whole runs")
@@ -305,9 +308,9 @@ def _add_data(parser: argparse.ArgumentParser, more: str = "") -> None:
     parser.add_argument(
         "--data",
         type=Path,
-        default=_DATA,
+        default=DATA,
         metavar="DIR",
-        help=f"the real recordings and stem maps (default: {_DATA})",
+        help=f"the real recordings and stem maps (default: {DATA})",
     )
     parser.add_argument(
         "--only",
@@ -321,32 +324,11 @@ def _add_data(parser: argparse.ArgumentParser, more: str = "") -> None:
 def _add_seeds(parser: argparse.ArgumentParser, default: range, takes: str) -> None:
     parser.add_argument(
         "--seeds",
-        type=_seeds,
+        type=seeds,
         default=default,
         metavar="A-B",
         help=f"of the simulated worlds (default: {default[0]}-{default[-1]}, {takes})",
     )
-
-
-def _speed(text: str) -> float:
-    try:
-        speed = float(text)
-    except ValueError:
-        speed = math.nan
-    if not speed > 0.0:
-        raise argparse.ArgumentTypeError(f"expected a positive number, got {text!r}")
-    return speed
-
-
-def _seeds(text: str) -> range:
-    """A-B, or A alone."""
-    match = re.fullmatch(r"([0-9]{1,9})(?:-([0-9]{1,9}))?", text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"expected seeds as in 101-124, got {text!r}")
-    seeds = range(int(match[1]), int(match[2] or match[1]) + 1)
-    if not 1 <= len(seeds) <= _MAX_SEEDS:
-        raise argparse.ArgumentTypeError(f"expected 1 to {_MAX_SEEDS} seeds, got {text}")
-    return seeds
 
 
 def _add_set(parser: argparse.ArgumentParser, what: str) -> None:

@@ -4,12 +4,11 @@ import os
 import signal
 import time
 from multiprocessing import get_context
-from typing import Any, Final, final
+from typing import Any, final
 
 from semgraph.errors import SemgraphError
+from semgraph.one_thread import use_one_thread
 from semgraph.spool import Spool
-
-_BLAS_THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @final
@@ -81,7 +80,7 @@ def _begin(niceness: int, scans: Spool, answers: Spool) -> None:
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(niceness)
-    os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))
+    use_one_thread()
     from semgraph.smoothing_loop import smooth
 
     smooth(scans, answers)

@@ -95,6 +95,15 @@ def source_options(source: str) -> type[BaseModel]:
     return entry.options_class()
 
 
+def check_options(source: str, options: Mapping[str, object]) -> None:
+    """Nothing, for a source that is there and takes these options; it is not opened.
+
+    Raises:
+        InputError, SettingsError: as `open_source`.
+    """
+    _validated(source, source_options(source), options)
+
+
 def open_source(source: str, options: Mapping[str, object]) -> Source:
     """The recording and truth of a catalog name, a folder, or NAME:FOLDER.
 

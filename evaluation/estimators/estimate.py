@@ -25,6 +25,8 @@ class Estimate:
         associations: by the stamp of perceptions, the landmark id of each (n,), -1 for none.
         step_seconds: (n,) how long each moment took; empty where it works on all at once.
         closed_at_ns: when loops were closed.
+        nis: (k,) normalised squares of the innovations that were used, of 2 degrees of freedom
+            each; empty where the estimator has none.
     """
 
     trajectory: Trajectory
@@ -33,6 +35,7 @@ class Estimate:
     associations: Mapping[int, IntArray] = field(default_factory=dict)
     step_seconds: FloatArray = field(default_factory=lambda: np.empty(0))
     closed_at_ns: tuple[int, ...] = ()
+    nis: FloatArray = field(default_factory=lambda: np.empty(0))
 
 
 class Estimator(Protocol):

@@ -1,0 +1,86 @@
+"""The graph: online with iSAM2 in this process, and refined offline when the run is over."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from evaluation.estimators.driving import Drive, Step, drive
+from evaluation.estimators.estimate import Estimate
+from semgraph.decisions import What
+from semgraph.errors import InputError
+from semgraph.fast_estimator import FastEstimator
+from semgraph.graph_beside import GraphInProcess
+from semgraph.pipeline import Moment
+from semgraph.progress import Silence
+from semgraph.refining import refine_sessions
+from semgraph.run_log import LogRecorder, RunLog
+from semgraph.settings import Settings
+from semgraph.smoothed import Smoothed
+from sensors.truth import Source
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Run:
+    """What the graph made of a source."""
+
+    drive: Drive
+    smoothed: Smoothed
+    log: RunLog
+
+
+def smoothed(source: Source, settings: Settings, rng: np.random.Generator) -> Estimate:
+    """Path and map by the graph beside the tracker, in the end."""
+    del rng
+    run = _smooth(source, settings)
+    made = run.smoothed
+    return Estimate(
+        made.trajectory,
+        made.covariances,
+        made.landmarks,
+        made.associations,
+        np.array(run.drive.seconds),
+        _closed_at_ns(run),
+    )
+
+
+def refined(source: Source, settings: Settings, rng: np.random.Generator) -> Estimate:
+    """Path and map by the batch over the run's log, associations decided anew."""
+    del rng
+    run = _smooth(source, settings)
+    session = (source.recording.name, run.log)
+    found = refine_sessions([session], settings.smoother, None, None, Silence().note)
+    ends = np.searchsorted(run.log.scans, np.arange(1, len(run.log.trajectory)))
+    landmark_ids = np.split(found.refined.belief.landmarks, ends)
+    return Estimate(
+        found.trajectories[0],
+        found.refined.pose_covariances,
+        found.refined.landmarks,
+        dict(zip(run.drive.stamps_ns, landmark_ids, strict=True)),
+    )
+
+
+def _smooth(source: Source, settings: Settings) -> _Run:
+    map_T_start = source.recording.map_T_start
+    tracker = FastEstimator(settings.tracker, map_T_start)
+    graph = GraphInProcess(settings.smoother, map_T_start)
+    recorder = LogRecorder(settings.smoother.start(map_T_start))
+
+    def step(moment: Moment) -> Step:
+        tracked = tracker.step(moment.perceptions, moment.odometry)
+        graph.add(tracked, moment.perceptions, moment.views)
+        recorder.add(tracked, moment.perceptions, moment.views)
+        return Step(tracked.map_T_base, tracked.landmark_ids)
+
+    said = drive(source, settings, step)
+    made = graph.finish(Silence().note)
+    if not len(made.trajectory):
+        raise InputError(f"{source.recording.name}: the graph came to no path")
+    return _Run(said, made, recorder.log(made.trajectory, made.associations))
+
+
+def _closed_at_ns(run: _Run) -> tuple[int, ...]:
+    return tuple(
+        run.drive.stamps_ns[decision.scan]
+        for decision in run.smoothed.decisions
+        if decision.what is What.LOOP_CLOSED
+    )

@@ -1,0 +1,229 @@
+"""Trials run in this process, in a Dask cluster on this machine, or in one that is there already.
+
+Whoever runs them, a trial's outcome comes back as the line that is stored.
+"""
+
+import logging
+import os
+import secrets
+import time
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from evaluation.studies.outcome_lines import outcome_line
+from evaluation.studies.trial import Outcome, Status, Trial
+from evaluation.studies.trial_process import MEASURE, Limits, measure_named, measured
+from evaluation.studies.trial_runner import TrialRunner, run_trial
+from semgraph.errors import SemgraphError
+from semgraph.one_thread import ONE_THREAD
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+DEFAULT_LIMITS: Final = Limits(3600.0)
+_PATIENCE_S: Final = 10.0
+# A worker that ends with a trial may be anybody's fault; four that do are the trial's.
+_NUM_KILLED: Final = 3
+# So many trials a thread are known to the scheduler: one runs, and one is there when it is done.
+_AHEAD: Final = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Tls:
+    """Files in PEM for a scheduler with tls://; None leaves it to the configuration of Dask."""
+
+    ca: Path | None = None
+    certificate: Path | None = None
+    key: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Execution:
+    """How trials are run.
+
+    Attributes:
+        workers: processes on this machine, 0 for this very process.
+        scheduler: an existing one, instead of processes on this machine.
+        limits: of a trial; this very process knows none.
+        measure: `module:function`, a trial in, an outcome out.
+    """
+
+    workers: int = os.cpu_count() or 1
+    scheduler: str | None = None
+    tls: Tls = Tls()
+    limits: Limits = DEFAULT_LIMITS
+    measure: str = MEASURE
+
+
+def outcome_lines(trials: Sequence[Trial], how: Execution) -> Generator[bytes, None, None]:
+    """The outcome of each trial as a line, as they are done.
+
+    Raises:
+        SemgraphError: the scheduler cannot be reached, has no workers, or is gone.
+    """
+    if how.scheduler is None and how.workers == 0:
+        measure = measure_named(how.measure)
+        return (outcome_line(measured(measure, trial)) for trial in trials)
+    return _on_cluster(trials, how)
+
+
+def run_alone(trial: Trial, how: Execution) -> bytes:
+    """The outcome of one trial, within its limits but without a cluster."""
+    runner = TrialRunner(how.measure, how.limits)
+    try:
+        return runner.outcome_line(trial)
+    finally:
+        runner.end()
+
+
+def _on_cluster(trials: Sequence[Trial], how: Execution) -> Generator[bytes, None, None]:
+    with _client(how, len(trials)) as client:
+        yield from _completed(
+            client, trials, partial(_submitted, client, how, secrets.token_hex(4))
+        )
+
+
+def _completed(
+    client: "Client", trials: Sequence[Trial], submit: Callable[[Trial], "Future"]
+) -> Iterator[bytes]:
+    """Outcomes as they come; only as many trials are submitted as keep all workers busy."""
+    from distributed import as_completed
+
+    waiting = iter(trials)
+    running: dict[str, Trial] = {}
+    done = as_completed()
+    while True:
+        for trial in _some(waiting, _AHEAD * _num_threads(client) - len(running)):
+            future = submit(trial)
+            running[future.key] = trial
+            done.add(future)
+        if not running:
+            return
+        future = next(done)
+        yield _line(running.pop(future.key), future)
+        future.release()
+
+
+def _some(trials: Iterator[Trial], number: int) -> Iterator[Trial]:
+    for _ in range(number):
+        trial = next(trials, None)
+        if trial is None:
+            return
+        yield trial
+
+
+def _num_threads(client: "Client") -> int:
+    """Of all workers; those that come later are used too."""
+    return max(sum(int(threads) for threads in client.nthreads().values()), 1)
+
+
+def _submitted(client: "Client", how: Execution, run: str, trial: Trial) -> "Future":
+    """A trial on its way; `run` tells it from one that an earlier client left on the scheduler."""
+    key = f"trial-{trial.id}-{run}"
+    return client.submit(run_trial, trial, how.measure, how.limits, key=key, pure=False)
+
+
+def _line(trial: Trial, future: "Future") -> bytes:
+    """The outcome that a future brings, or why it brings none."""
+    from distributed import KilledWorker
+
+    if future.status == "finished":
+        return bytes(future.result())
+    error = future.exception() if future.status == "error" else None
+    if isinstance(error, KilledWorker):
+        reason = f"the workers that ran it ended, {_NUM_KILLED + 1} times"
+        return outcome_line(Outcome(trial, Status.FAILED, reason))
+    if error is not None:
+        reason = f"its worker could not run it: {type(error).__name__}: {error}"
+        return outcome_line(Outcome(trial, Status.FAILED, reason))
+    raise SemgraphError(
+        "the scheduler is gone; all finished trials are kept: give the same command again"
+    )
+
+
+@contextmanager
+def _client(how: Execution, num_trials: int) -> Iterator["Client"]:
+    """A connection to the cluster, which is started where none is named."""
+    import dask
+    from distributed import Client, LocalCluster
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    settings = {
+        "distributed.scheduler.allowed-failures": _NUM_KILLED,
+        "distributed.nanny.pre-spawn-environ": ONE_THREAD,
+        "distributed.worker.memory.terminate": False,
+    }
+    with dask.config.set(settings):
+        if how.scheduler is not None:
+            with _connected(how.scheduler, how.tls) as client:
+                yield client
+            return
+        with (
+            LocalCluster(
+                n_workers=max(min(how.workers, num_trials), 1),
+                threads_per_worker=1,
+                host="127.0.0.1",
+                dashboard_address=None,
+                memory_limit=0,
+                silence_logs=logging.CRITICAL,
+            ) as cluster,
+            Client(cluster) as client,
+        ):
+            yield client
+
+
+@contextmanager
+def _connected(address: str, tls: Tls) -> Iterator["Client"]:
+    from distributed import Client
+    from distributed.security import Security
+
+    given = {"tls_ca_file": tls.ca, "tls_client_cert": tls.certificate, "tls_client_key": tls.key}
+    security = Security(**{key: str(path) for key, path in given.items() if path is not None})
+    try:
+        client = Client(address, security=security, timeout=_PATIENCE_S)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        raise SemgraphError(
+            f"{address}: the scheduler cannot be reached: {_first_line(error)}; start one with: "
+            "dask scheduler"
+        ) from error
+    try:
+        _check_workers(client, address)
+        yield client
+    finally:
+        client.close()
+
+
+def _check_workers(client: "Client", address: str) -> None:
+    """There are some, and they know what to do.
+
+    Raises:
+        SemgraphError: there is none, or one lacks this package.
+    """
+    deadline = time.monotonic() + _PATIENCE_S
+    while not client.nthreads():
+        if time.monotonic() > deadline:
+            raise SemgraphError(
+                f"{address}: the scheduler has no workers; start some with: dask worker {address}"
+            )
+        time.sleep(0.1)
+    for worker, answer in client.run(package_version, on_error="return").items():
+        if isinstance(answer, Exception):
+            raise SemgraphError(
+                f"{address}: worker {worker} cannot run trials: {_first_line(answer)}; install "
+                "semgraph there"
+            )
+
+
+def package_version() -> str:
+    """Of semgraph, where this is called."""
+    from importlib.metadata import version
+
+    return version("semgraph")
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0]
