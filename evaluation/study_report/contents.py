@@ -42,6 +42,7 @@ class Contents:
     Attributes:
         what: it asks, in a sentence or more; may be empty.
         settings: the study's file as it is.
+        num_planned: trials that the study has, whether they have run or not.
         run_again: the command that makes it again.
         one_again: the command that runs a trial alone, with `{id}` for the trial.
     """
@@ -49,6 +50,7 @@ class Contents:
     name: str
     what: str
     settings: str
+    num_planned: int
     run_again: str
     one_again: str
     outcomes: tuple[Outcome, ...]

@@ -183,15 +183,19 @@ def _made(contents: Contents) -> list[Markup]:
     terms = joined(
         joined([element("dt", term), element("dd", meaning)]) for term, meaning in _TERMS
     )
+    commands = contents.run_again, contents.one_again.replace("{id}", "ID"), "semgraph report ."
     versions = sorted({pair for each in contents.outcomes for pair in each.versions})
     used = joined(
         joined([element("dt", name), element("dd", version)]) for name, version in versions
     )
     return [
         element("h3", "Run it again"),
-        element("pre", contents.run_again),
-        element("p", "Make this page again from the files:"),
-        element("pre", "semgraph report DIR"),
+        element(
+            "p",
+            "In the folder of this page: the study from the start, one trial alone, and "
+            "this page from the files.",
+        ),
+        element("pre", "\n".join(commands)),
         element("h3", "Versions"),
         element("dl", used),
         element("h3", "Terms"),

@@ -117,8 +117,11 @@ def _extent(contents: Contents) -> list[str]:
         f"{num} trials: {_counted(len(contents.estimators), 'estimator')} under "
         f"{_counted(len(contents.conditions), 'condition')} with {_counted(seeds, 'seed')}. "
     ]
+    if num < contents.num_planned:
+        missing = f"The study is not finished: {contents.num_planned - num} trials have not run. "
+        parts.append(element("strong", missing))
     if not num_failed:
-        return [*parts, "All of them finished."]
+        return [*parts, "All that ran finished."]
     by_kind = Counter((each.trial.estimator, each.status.value) for each in contents.failed)
     told = ", ".join(f"{count} of {name} ({how})" for (name, how), count in by_kind.most_common(6))
     more = " and others" if len(by_kind) > 6 else ""

@@ -48,6 +48,7 @@ def contents(made: tuple[Outcome, ...]) -> Contents:
         name="paper",
         what="How far does the fast estimator drift?",
         settings='name = "paper"\nseeds = "1-100"\n',
+        num_planned=len(made),
         run_again="semgraph study paper",
         one_again="semgraph study paper --only {id}",
         outcomes=made,
