@@ -95,7 +95,7 @@ class Chart:
         points = [(float(self.place_x(x)), float(self.place_y(y))) for x, y, _ in named]
         taken = [(px - 5.0, py - 5.0, px + 5.0, py + 5.0) for px, py in points]
         for (px, py), (_, _, name) in zip(points, named, strict=True):
-            place = _free_place(px, py, 6.6 * len(name), taken)
+            place = _free_place(px, py, 7.3 * len(name), taken)
             taken.append(place)
             if abs(place[1] + 6.0 - py) > 12.0:
                 near = f"M{px:.1f} {py:.1f}L{place[0]:.1f} {place[1] + 6.0:.1f}"
@@ -153,7 +153,7 @@ class Chart:
 def rows_chart(names: Sequence[str], x: Scale, row_height: float = 27.0) -> Chart:
     """A chart with a row for each name; the first, at the top, is row len(names) - 1."""
     height = _TOP + _BOTTOM + row_height * len(names)
-    left = 16.0 + 6.6 * max((len(name) for name in names), default=0)
+    left = 16.0 + 7.6 * max((len(name) for name in names), default=0)
     y = Scale(-0.5, len(names) - 0.5)
     return Chart(x, y, height, min(left, 0.45 * WIDTH), rows=tuple(names))
 

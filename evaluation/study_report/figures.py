@@ -27,9 +27,9 @@ class Series:
 
 
 def series_of(contents: Contents) -> tuple[Series, ...]:
-    """A line for each estimator: five colours, then the same dashed, then dotted."""
+    """A line for each estimator: lines that lie on each other differ in colour and in dash."""
     return tuple(
-        Series(name, f"c{number % 5} d{number // 5 % 3}")
+        Series(name, f"c{number % 5} d{number % 3}")
         for number, name in enumerate(contents.estimators)
     )
 

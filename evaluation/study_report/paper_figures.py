@@ -98,7 +98,7 @@ def _fig_5(shown: Outcome) -> Markup | None:
         ),
         f"Fig. 5 redone: errors of {FAST} over time, the path rigidly aligned; of the rotation its "
         f"size. {_which(shown)}",
-        legend(tuple(reversed(lines))),
+        legend((*lines[1:], lines[0])),
     )
 
 

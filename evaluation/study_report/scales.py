@@ -71,6 +71,18 @@ def figure_text(value: float) -> str:
     return f"{value:.{digits}f}".replace("-", MINUS)
 
 
+def figure_texts(*values: float) -> tuple[str, ...]:
+    """Values that belong together, with as many decimals as the largest needs for three digits."""
+    largest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
+    if not 1e-7 <= largest < 1e6:
+        return tuple(map(figure_text, values))
+    digits = max(0, 2 - math.floor(math.log10(largest)))
+    return tuple(
+        f"{value:.{digits}f}".replace("-", MINUS) if math.isfinite(value) else figure_text(value)
+        for value in values
+    )
+
+
 def tick_text(value: float) -> str:
     """A tick's value, as short as it is."""
     return f"{value:g}".replace("-", MINUS)

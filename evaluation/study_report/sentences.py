@@ -7,6 +7,7 @@ import numpy as np
 
 from evaluation.metrics import Direction, Metric
 from evaluation.studies.comparison import (
+    CONFIDENCE,
     MIN_FOR_INTERVAL,
     ORACLE,
     Difference,
@@ -15,7 +16,7 @@ from evaluation.studies.comparison import (
 )
 from evaluation.study_report.contents import Contents, capitalised, words_of
 from evaluation.study_report.markup import Markup, element, joined
-from evaluation.study_report.scales import figure_text
+from evaluation.study_report.scales import figure_text, figure_texts
 
 _SMALLEST_P: Final = 0.001
 
@@ -46,7 +47,11 @@ def ranking(contents: Contents, condition: str, metric: Metric) -> list[Markup]:
     if not rest:
         return [element("p", opening)]
     lines = [_against(contents, best, each) for each in rest]
-    return [element("p", opening, " ", _in_short(contents, best, rest)), element("ul", *lines)]
+    return [
+        element("p", opening, " ", _in_short(contents, best, rest)),
+        element("ul", *lines),
+        _power(contents, best),
+    ]
 
 
 def with_interval(summary: Summary) -> str:
@@ -60,7 +65,7 @@ def with_interval(summary: Summary) -> str:
 
 def span(low: float, high: float) -> str:
     """Both ends of an interval."""
-    return f"{figure_text(low)} to {figure_text(high)}"
+    return " to ".join(figure_texts(low, high))
 
 
 def p_text(p: float) -> str:
@@ -152,6 +157,19 @@ def _in_short(contents: Contents, best: Summary, rest: list[Summary]) -> str:
     )
 
 
+def _power(contents: Contents, best: Summary) -> Markup:
+    """That there are too few seeds to show any difference, where that is so."""
+    family = sum(each.metric == best.metric for each in contents.differences)
+    smallest = min(1.0, family * 0.5 ** (best.n - 1))
+    if smallest <= 1.0 - CONFIDENCE:
+        return Markup()
+    words = (
+        f"With {_counted(best.n, 'seed')} and {family} comparisons even the clearest difference "
+        f"has p = {smallest:.2g} after Holm: to show any, there must be more seeds."
+    )
+    return element("p", words, class_="note")
+
+
 def _against(contents: Contents, best: Summary, other: Summary) -> Markup:
     found = difference_of(contents, best.condition, best.metric, best.estimator, other.estimator)
     median = _valued(other.median, other.unit)
@@ -196,7 +214,9 @@ def _leaders(contents: Contents, condition: str, metric: Metric) -> str:
     value = _valued(best.median, best.unit)
     behind = next((each for each in ranked if each.estimator not in tied), None)
     if len(tied) == len(ranked):
-        return f"{where}between {_listed(tied)} no difference can be shown (the first {value})"
+        ends = span(best.median, ranked[-1].median)
+        words = f"(medians {ends} {best.unit}".rstrip()
+        return f"{where}between {_listed(tied)} no difference can be shown {words})"
     first = (
         f"{best.estimator}, {value}"
         if len(tied) == 1
@@ -233,10 +253,10 @@ def _size(difference: Difference) -> str:
 
 
 def _signed(difference: Difference) -> str:
-    value = _valued(difference.median, difference.unit)
     if not np.isfinite([difference.low, difference.high]).all():
-        return f"median difference {value}"
-    return f"median difference {value}, {span(difference.low, difference.high)}"
+        return f"median difference {_valued(difference.median, difference.unit)}"
+    median, low, high = figure_texts(difference.median, difference.low, difference.high)
+    return f"median difference {f'{median} {difference.unit}'.strip()}, {low} to {high}"
 
 
 def _ratio(best: Summary, other: Summary) -> str:

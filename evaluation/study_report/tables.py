@@ -9,8 +9,8 @@ from evaluation.studies.comparison import Summary, winner
 from evaluation.studies.trial import Outcome, Status
 from evaluation.study_report.contents import Contents, label_of, words_of
 from evaluation.study_report.markup import Markup, element, joined
-from evaluation.study_report.scales import MINUS, UNKNOWN, figure_text
-from evaluation.study_report.sentences import alike, p_text, span
+from evaluation.study_report.scales import MINUS, UNKNOWN, figure_text, figure_texts
+from evaluation.study_report.sentences import alike, p_text
 
 _ARROWS: Final = {Direction.LOWER: " ↓", Direction.HIGHER: " ↑"}
 
@@ -146,7 +146,8 @@ def _ratio_cell(summary: Summary | None) -> Markup:
 def _value(median: float, low: float, high: float) -> Markup:
     if not np.isfinite([low, high]).all():
         return element("span", figure_text(median))
-    return joined([figure_text(median), element("small", span(low, high))])
+    shown, *ends = figure_texts(median, low, high)
+    return joined([shown, element("small", " to ".join(ends))])
 
 
 def _heading(metric: Metric) -> str:

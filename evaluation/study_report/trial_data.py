@@ -115,16 +115,11 @@ def _steps(values: FloatArray) -> list[Any]:
         return []
     low, extent = float(finite.min()), float(np.ptp(finite))
     step = extent / _STEPS or 1.0
-    steps = np.where(np.isfinite(values), np.round((values - low) / step), np.nan)
-    told: list[Any] = []
-    before = 0
-    for each in steps:
-        if np.isnan(each):
-            told.append(None)
-        else:
-            told.append(int(each) - before)
-            before = int(each)
-    return [_short(low), float(f"{step:.6g}"), *told]
+    differences = np.diff(np.round((finite - low) / step).astype(np.int64), prepend=0).tolist()
+    if len(finite) < len(values):
+        told = iter(differences)
+        differences = [next(told) if known else None for known in np.isfinite(values).tolist()]
+    return [_short(low), float(f"{step:.6g}"), *differences]
 
 
 def _at_least(points: FloatArray, stride: int) -> int:

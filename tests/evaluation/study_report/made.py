@@ -1,11 +1,14 @@
 """Outcomes of a study that never ran, of any size, by a seeded generator."""
 
+from functools import cache
+
 import numpy as np
 
 from evaluation.metrics import Direction, Metric
 from evaluation.studies.comparison import differences, summaries
 from evaluation.studies.trial import MAX_SAMPLES, Drawing, Outcome, Series, Status, Trial
 from evaluation.study_report.contents import Contents
+from evaluation.study_report.page import page
 
 # Estimator, how far off it is in m, how much too sure, CPU in s.
 ESTIMATORS = (
@@ -40,6 +43,13 @@ def outcomes(
                               row[0], seed)  # fmt: skip
                 made.append(_outcome(trial, row, luck, course, rng))
     return tuple(_failed(each) if k < num_failed else each for k, each in enumerate(made))
+
+
+@cache
+def two_thousand() -> tuple[tuple[Outcome, ...], str]:
+    """The outcomes of 2,007 trials, and their page."""
+    made = outcomes(223, num_failed=1)
+    return made, page(contents(made))
 
 
 def contents(made: tuple[Outcome, ...]) -> Contents:
