@@ -33,8 +33,16 @@ ESTIMATORS: Final[Mapping[str, Entry]] = {
     ),
     "paper": Entry("fast", "paper", "the paper's rules as printed, constant motion, no wheels"),
     "fast": Entry("fast", "estimate", "the fast estimator: the paper's three steps, mended"),
+    "particle-filter": Entry(
+        "localizing", "particles", "the particle filter alone in a given map", maps=False
+    ),
+    "combined": Entry(
+        "localizing", "combined", "particles and fast estimator in a given map", maps=False
+    ),
     "smoothed": Entry("graph", "smoothed", "online iSAM2 with joint compatibility and odds"),
     "refined": Entry("graph", "refined", "all of it in one batch, associations decided anew"),
+    "ekf-slam": Entry("ekf_slam", "estimate", "EKF-SLAM, maximum likelihood under joint gates"),
+    "plain-isam2": Entry("plain_isam2", "estimate", "iSAM2 as it comes, nearest neighbours"),
     "oracle": Entry("known", "estimate", "the batch optimum with true associations: the limit"),
 }
 

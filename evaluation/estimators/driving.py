@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from evaluation.estimators.estimate import Estimate
-from semgraph.arrays import IntArray
+from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
 from semgraph.geometry import UncertainPose2
@@ -47,7 +47,11 @@ class Drive:
     seconds: list[float] = field(default_factory=list)
 
     def estimate(
-        self, landmarks: tuple[Landmark, ...] = (), *, has_covariances: bool = True
+        self,
+        landmarks: tuple[Landmark, ...] = (),
+        *,
+        has_covariances: bool = True,
+        nis: FloatArray | None = None,
     ) -> Estimate:
         """As it was said at the time.
 
@@ -55,6 +59,7 @@ class Drive:
             landmarks: its map in the end.
             has_covariances: whether those of the poses are relative to the start, not merely to
                 the landmarks around.
+            nis: normalised squares of the innovations, where it has them.
         """
         stamps_ns = np.array(self.stamps_ns, dtype=np.int64)
         poses = np.array([step.map_T_base.pose.as_array() for step in self.steps])
@@ -69,6 +74,7 @@ class Drive:
             },
             np.array(self.seconds),
             self._closed_at_ns(),
+            np.zeros(0) if nis is None else nis,
         )
 
     def _closed_at_ns(self) -> tuple[int, ...]:

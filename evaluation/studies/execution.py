@@ -82,9 +82,11 @@ def run_alone(trial: Trial, how: Execution) -> bytes:
 
 def _on_cluster(trials: Sequence[Trial], how: Execution) -> Generator[bytes, None, None]:
     with _client(how, len(trials)) as client:
-        yield from _completed(
-            client, trials, partial(_submitted, client, how, secrets.token_hex(4))
-        )
+        submit = partial(_submitted, client, how, secrets.token_hex(4))
+        try:
+            yield from _completed(client, trials, submit)
+        except OSError as error:
+            raise _gone() from error
 
 
 def _completed(
@@ -140,7 +142,11 @@ def _line(trial: Trial, future: "Future") -> bytes:
     if error is not None:
         reason = f"its worker could not run it: {type(error).__name__}: {error}"
         return outcome_line(Outcome(trial, Status.FAILED, reason))
-    raise SemgraphError(
+    raise _gone()
+
+
+def _gone() -> SemgraphError:
+    return SemgraphError(
         "the scheduler is gone; all finished trials are kept: give the same command again"
     )
 
@@ -151,7 +157,8 @@ def _client(how: Execution, num_trials: int) -> Iterator["Client"]:
     import dask
     from distributed import Client, LocalCluster
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     settings = {
         "distributed.scheduler.allowed-failures": _NUM_KILLED,
         "distributed.nanny.pre-spawn-environ": ONE_THREAD,
@@ -167,7 +174,7 @@ def _client(how: Execution, num_trials: int) -> Iterator["Client"]:
                 n_workers=max(min(how.workers, num_trials), 1),
                 threads_per_worker=1,
                 host="127.0.0.1",
-                dashboard_address=None,
+                scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
                 memory_limit=0,
                 silence_logs=logging.CRITICAL,
             ) as cluster,

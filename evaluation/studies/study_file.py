@@ -60,7 +60,7 @@ class Study(BaseModel):
 
     model_config = STRICT
 
-    name: _Name = Field(pattern=r"^[a-z0-9][a-z0-9-]*$")
+    name: Annotated[str, Field(max_length=100, pattern=r"^[a-z0-9][a-z0-9-]*$")]
     question: Annotated[str, Field(min_length=1, max_length=4000)]
     seeds: str
     estimators: Annotated[list[_Name], Field(min_length=1)]

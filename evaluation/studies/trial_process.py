@@ -25,7 +25,7 @@ from semgraph.errors import InputError, SemgraphError
 from semgraph.worker import ended_by
 
 READY: Final = b"ready\n"
-MEASURE: Final = "evaluation.studies.measuring:measure"
+MEASURE: Final = "evaluation.studies.prepared:measure"
 # Whoever needs it after that starts it anew.
 _IDLE_S: Final = 60.0
 # What `select` takes, where there is no limit.

@@ -48,6 +48,7 @@ class TrialRunner:
     def _asked(self, trial: Trial) -> bytes:
         """What the process answers; something without an end if it is gone."""
         if self._process is None or self._process.poll() is not None:
+            self._ended()
             self._process = self._started()
             if _pipe(self._process.stdout).readline() != READY:
                 return b""

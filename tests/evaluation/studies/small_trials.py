@@ -3,16 +3,23 @@
 import ctypes
 import os
 import signal
+import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from evaluation.metrics import Direction, Metric
+from evaluation.studies.execution import Execution
+from evaluation.studies.running import run_study
+from evaluation.studies.study_file import Condition, Plan, Study, plan_study
 from evaluation.studies.trial import Drawing, Outcome, Series, Status, Trial
 from semgraph.errors import InputError
+from semgraph.progress import Silence
 
 MEASURE = "tests.evaluation.studies.small_trials:measure"
+CLIENT = "tests.evaluation.studies.small_trials"
 
 
 def trial(
@@ -21,10 +28,6 @@ def trial(
     return Trial(
         "small", condition, "course:none", tuple(sorted(options.items())), (), estimator, seed
     )
-
-
-def trials(number: int, estimator: str = "plain", **options: str) -> list[Trial]:
-    return [trial(estimator, seed, **options) for seed in range(number)]
 
 
 def measure(trial: Trial) -> Outcome:
@@ -48,15 +51,22 @@ def _end(trial: Trial, options: dict[str, str]) -> None:
             time.sleep(3600.0)
         case "grabs":
             np.ones(2**36)
+        case "fills":
+            np.ones(2**31)
         case "crashes":
             ctypes.string_at(0)
         case "is-killed":
             os.kill(os.getpid(), signal.SIGKILL)
         case "kills-its-worker" if not Path(options["once"]).exists():
             Path(options["once"]).touch()
-            os.kill(int(Path(f"/proc/{os.getppid()}/stat").read_text().split()[3]), signal.SIGKILL)
+            os.kill(_worker_pid(), signal.SIGKILL)
         case "kills-its-worker-always":
-            os.kill(int(Path(f"/proc/{os.getppid()}/stat").read_text().split()[3]), signal.SIGKILL)
+            os.kill(_worker_pid(), signal.SIGKILL)
+
+
+def _worker_pid() -> int:
+    """Of the parent of the process that forked this one."""
+    return int(Path(f"/proc/{os.getppid()}/stat").read_text().rpartition(")")[2].split()[1])
 
 
 def _outcome(trial: Trial) -> Outcome:
@@ -79,3 +89,30 @@ def _outcome(trial: Trial) -> Outcome:
         drawing=Drawing(path, path + 0.1, np.empty((0, 2)), path),
         versions=(("numpy", np.__version__),),
     )
+
+
+def plan(
+    number: int, estimators: Sequence[str] = ("plain",), **options: str | float | bool
+) -> Plan:
+    """A study of so many seeds."""
+    condition = Condition(name="calm", source="course:none", options=options)
+    study = Study(
+        name="small",
+        question="Does it all come home?",
+        seeds=f"0-{number - 1}",
+        estimators=list(estimators),
+        condition=[condition],
+    )
+    return plan_study(study, Path("nowhere"))
+
+
+def client(arguments: Sequence[str]) -> None:
+    """A process of its own that runs a small study: folder, workers, number, options."""
+    folder, workers, number, *options = arguments
+    named = dict(option.split("=", 1) for option in options)
+    how = Execution(workers=int(workers), measure=MEASURE)
+    run_study(plan(int(number), **named), Path(folder), how, Silence(), print)
+
+
+if __name__ == "__main__":
+    client(sys.argv[1:])
