@@ -7,11 +7,17 @@ from typing import Final
 import numpy as np
 
 from evaluation.metrics import Direction, Metric
-from evaluation.studies.comparison import Difference, Summary
+from evaluation.studies.comparison import ORACLE, Difference, Summary
 from evaluation.studies.trial import Outcome, Status
 from semgraph.arrays import FloatArray
 
 PATH_ERROR: Final = "trajectory_rmse_m"
+# What these are told beyond the measurements; they are shown, and win nothing.
+TOLD_MORE: Final = {
+    ORACLE: "true associations",
+    "particle-filter": "the true map",
+    "combined": "the true map",
+}
 CPU: Final = Metric("cpu_s", np.nan, "s", Direction.LOWER)
 # What a reader asks first, in this order; the rest is in the tables.
 _HEADLINES: Final = (
@@ -123,6 +129,11 @@ class Contents:
             ),
             None,
         )
+
+    def contenders(self, condition: str, metric: Metric) -> tuple[Summary, ...]:
+        """The ranked ones that are told nothing but the measurements."""
+        ranked = self.ranked(condition, metric)
+        return tuple(each for each in ranked if each.estimator not in TOLD_MORE)
 
     def ranked(self, condition: str, metric: Metric) -> tuple[Summary, ...]:
         """The estimators from best to worst median; without a value they are left out."""

@@ -35,6 +35,8 @@ _TERMS: Final = (
     ("landmark error", "the map laid rigidly onto the true one, RMSE of the distance"),
     ("NEES", "squared error of a pose in units of its own covariance; its degrees of freedom are "
      "expected"),
+    ("told more", "the oracle knows the true associations, particle-filter and combined the true "
+     "map; they are shown beside the others and win nothing"),
     ("oracle", "the batch optimum with true associations: what the data allow"),
 )  # fmt: skip
 

@@ -9,12 +9,11 @@ from evaluation.metrics import Direction, Metric
 from evaluation.studies.comparison import (
     CONFIDENCE,
     MIN_FOR_INTERVAL,
-    ORACLE,
     Difference,
     Summary,
     winner,
 )
-from evaluation.study_report.contents import Contents, capitalised, words_of
+from evaluation.study_report.contents import TOLD_MORE, Contents, capitalised, words_of
 from evaluation.study_report.markup import Markup, element, joined
 from evaluation.study_report.scales import figure_text, figure_texts
 
@@ -35,7 +34,7 @@ def summary(contents: Contents) -> list[Markup]:
 
 def ranking(contents: Contents, condition: str, metric: Metric) -> list[Markup]:
     """The best estimator but the oracle, and what it has over each of the others."""
-    ranked = [each for each in contents.ranked(condition, metric) if each.estimator != ORACLE]
+    ranked = list(contents.contenders(condition, metric))
     if not ranked:
         return [element("p", f"{condition}: no estimator has a {words_of(metric)}.")]
     best, rest = ranked[0], ranked[1:]
@@ -50,6 +49,7 @@ def ranking(contents: Contents, condition: str, metric: Metric) -> list[Markup]:
     return [
         element("p", opening, " ", _in_short(contents, best, rest)),
         element("ul", *lines),
+        _told_more(contents, condition, metric),
         _power(contents, best),
     ]
 
@@ -157,6 +157,17 @@ def _in_short(contents: Contents, best: Summary, rest: list[Summary]) -> str:
     )
 
 
+def _told_more(contents: Contents, condition: str, metric: Metric) -> Markup:
+    """The medians of those that know more than the measurements, as what to compare with."""
+    found = [
+        f"{each.estimator} ({TOLD_MORE[each.estimator]}) {_valued(each.median, each.unit)}"
+        for each in contents.ranked(condition, metric)
+        if each.estimator in TOLD_MORE
+    ]
+    words = f"Not ranked, as they are told more than the measurements: {', '.join(found)}."
+    return element("p", words, class_="note") if found else Markup()
+
+
 def _power(contents: Contents, best: Summary) -> Markup:
     """That there are too few seeds to show any difference, where that is so."""
     family = sum(each.metric == best.metric for each in contents.differences)
@@ -205,7 +216,7 @@ def _others(contents: Contents, metric: Metric) -> Markup:
 
 def _leaders(contents: Contents, condition: str, metric: Metric) -> str:
     """The best, with all from which it is not shown to differ, and the first behind them."""
-    ranked = [each for each in contents.ranked(condition, metric) if each.estimator != ORACLE]
+    ranked = list(contents.contenders(condition, metric))
     if len(ranked) < 2:
         return ""
     tied = alike(contents, condition, metric)
@@ -228,10 +239,8 @@ def _leaders(contents: Contents, condition: str, metric: Metric) -> str:
 
 
 def alike(contents: Contents, condition: str, metric: Metric) -> list[str]:
-    """The best but the oracle, and those that are not shown to differ from it, by their medians."""
-    ranked = [
-        each.estimator for each in contents.ranked(condition, metric) if each.estimator != ORACLE
-    ]
+    """The best contender, and those that are not shown to differ from it, by their medians."""
+    ranked = [each.estimator for each in contents.contenders(condition, metric)]
     found = {
         name: difference_of(contents, condition, metric.name, ranked[0], name)
         for name in ranked[1:]

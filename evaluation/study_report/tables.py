@@ -48,7 +48,8 @@ def headline_table(contents: Contents, condition: str) -> Markup:
     columns = ["estimator", *[_heading(each) for each in metrics], "first column / oracle's"]
     return table(
         f"{condition}: medians over the seeds, 95 % intervals below; ↓ lower is better, ↑ higher. "
-        "Bold: the best but the oracle, and those from which no difference can be shown.",
+        "Bold: the best that is told nothing but the measurements, and those from which no "
+        "difference can be shown.",
         columns,
         rows,
     )

@@ -19,7 +19,7 @@ def test_a_clear_winner_is_named_with_size_interval_and_p() -> None:
     assert "good has the lowest median path error (ATE RMSE), 0.01" in told
     assert "better than each of the others beyond what chance explains" in told
     assert re.search(
-        r"bad: 0\.03\d* m, more by 0\.02\d* m \(0\.0\d+ to 0\.0\d+\), 2\.\d+ times", told
+        r"bad: 0\.03\d* m, more by 0\.02\d* m \(0\.0\d+ to 0\.0\d+\), 3\.00 times", told
     )
     assert "p < 0.001" in told
 
@@ -41,6 +41,7 @@ def test_the_oracle_wins_nothing() -> None:
     told = _told(_outcomes({"oracle": 0.001, "good": 0.01, "bad": 0.03}, num_seeds=10))
     assert "good has the lowest" in told
     assert "oracle:" not in told
+    assert "Not ranked, as they are told more than the measurements: oracle" in told
 
 
 def test_failures_are_told_first() -> None:
