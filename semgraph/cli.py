@@ -8,6 +8,7 @@ from pathlib import Path
 
 from semgraph.argument_types import DATA, AddParser, positive, seeds, sigma
 from semgraph.errors import SemgraphError
+from semgraph.report_command import add_report, call_report
 from semgraph.study_arguments import add_study, call_study
 
 _SOURCES = """\
@@ -56,6 +57,7 @@ def _call(parsed: argparse.Namespace) -> None:
         "bench": _call_bench,
         "refine": _call_refine,
         "study": call_study,
+        "report": call_report,
     }
     if parsed.command in own:
         own[parsed.command](parsed)
@@ -205,6 +207,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_refine(commands.add_parser)
     _add_bench(commands.add_parser)
     add_study(commands.add_parser)
+    add_report(commands.add_parser)
     return parser
 
 

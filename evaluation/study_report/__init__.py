@@ -1,0 +1,1 @@
+"""A study as one page: a self-contained HTML file with figures, tables and each trial."""

@@ -1,0 +1,66 @@
+"""What the page's script reads: true to the outcomes, and thinned where there are many."""
+
+import base64
+import json
+import zlib
+from typing import Any
+
+import numpy as np
+import pytest
+
+from evaluation.study_report import trial_data
+from semgraph.arrays import FloatArray
+from tests.evaluation.study_report import made
+
+
+def test_values_come_back_to_a_thousandth_of_their_extent() -> None:
+    contents = made.contents(made.outcomes(2))
+    data = json.loads(trial_data.trial_data(contents))
+    for pair, start in zip(data["pairs"], (0, len(made.ESTIMATORS)), strict=True):
+        block = _block(pair)
+        outcomes = contents.outcomes[start : start + len(made.ESTIMATORS)]
+        assert pair["ids"] == [each.trial.id for each in outcomes]
+        for told, outcome in zip(block["trials"], outcomes, strict=True):
+            assert outcome.series is not None
+            assert outcome.drawing is not None
+            _check(told["series"]["p"], outcome.series.position_errors_m)
+            _check(told["series"]["n"], np.log10(outcome.series.nees))
+            _check(told["path"][0], outcome.drawing.estimated_path[:, 0])
+        assert outcome.drawing is not None
+        _check(block["truth"]["landmarks"][1], outcome.drawing.true_landmarks[:, 1])
+
+
+def test_where_there_are_many_no_peak_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    contents = made.contents(made.outcomes(2))
+    whole = json.loads(trial_data.trial_data(contents))
+    monkeypatch.setattr(trial_data, "_MOST_BYTES", 10_000)
+    thinned = json.loads(trial_data.trial_data(contents))
+    assert sum(len(pair["data"]) for pair in thinned["pairs"]) < 0.6 * sum(
+        len(pair["data"]) for pair in whole["pairs"]
+    )
+    series = contents.outcomes[2].series
+    assert series is not None
+    told = _values(_block(thinned["pairs"][0])["trials"][2]["series"]["p"])
+    assert len(told) < len(series.times_s) / 4
+    assert max(told) == pytest.approx(series.position_errors_m.max(), rel=2e-3)
+
+
+def _block(pair: dict[str, Any]) -> dict[str, Any]:
+    return dict(json.loads(zlib.decompress(base64.b64decode(pair["data"]))))
+
+
+def _values(steps: list[Any]) -> FloatArray:
+    """As the script reads them."""
+    if not steps:
+        return np.empty(0)
+    low, step, *differences = steps
+    known = np.cumsum([each or 0 for each in differences])
+    return np.where([each is None for each in differences], np.nan, low + step * known)
+
+
+def _check(steps: list[Any], values: FloatArray) -> None:
+    if not np.isfinite(values).any():
+        assert steps == []
+        return
+    extent = float(np.nanmax(values) - np.nanmin(values))
+    np.testing.assert_allclose(_values(steps), values, atol=1.1e-3 * extent, rtol=1e-4)
