@@ -162,10 +162,17 @@ def test_a_remote_cluster_loses_a_worker_and_no_trial_and_is_missed_when_it_goes
 def test_a_scheduler_without_workers_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with cluster(tmp_path, 0) as (address, _, _):
-        monkeypatch.setattr(execution, "_PATIENCE_S", 3.0)
+    with cluster(tmp_path, 1) as (address, _, workers):
+        monkeypatch.setattr(execution, "_WORKERLESS_S", 0.0)
+        how = Execution(scheduler=address, measure=MEASURE)
+        lines = outcome_lines(PLAN.trials, how)
+        next(lines)
+        monkeypatch.setattr(execution, "_PATIENCE_S", 2.0)
+        kill_tree(workers[0].pid)
+        with pytest.raises(SemgraphError, match="there has been no worker for 0 s"):
+            list(lines)
         with pytest.raises(SemgraphError, match="has no workers; start some with: dask worker"):
-            list(outcome_lines(PLAN.trials, Execution(scheduler=address, measure=MEASURE)))
+            list(outcome_lines(PLAN.trials, how))
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere"])
