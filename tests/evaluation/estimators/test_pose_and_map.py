@@ -83,7 +83,7 @@ def test_a_new_landmark_is_where_and_as_unsure_as_pose_and_measurement_say() -> 
     state.add(np.array([5.0]), np.array([0.6]), NOISE[:1])
     rng = np.random.default_rng(0)
     errors = rng.multivariate_normal(np.zeros(3), P, 20_000)
-    measured = [5.0, 0.6] + rng.multivariate_normal(np.zeros(2), NOISE[0], 20_000)
+    measured = rng.multivariate_normal([5.0, 0.6], NOISE[0], 20_000)
     unit = np.column_stack([np.cos(measured[:, 1]), np.sin(measured[:, 1])])
     places = np.array(
         [
