@@ -9,11 +9,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from evaluation.metrics import Direction
 from evaluation.studies.checks import check_trials
 from evaluation.studies.comparison import Summary, summaries
 from evaluation.studies.execution import Execution, run_alone
 from evaluation.studies.outcome_lines import parse_outcome
+from evaluation.studies.report import write_report
 from evaluation.studies.running import endings, run_study
 from evaluation.studies.study_file import Plan, plan_study, read_study
 from evaluation.studies.trial import Outcome, Status, Trial
@@ -23,7 +23,13 @@ from semgraph.progress import progress
 
 RESULTS: Final = Path("results")
 _MAX_TOLD: Final = 10
-_NUM_COLUMNS: Final = 4
+# Of a table that a terminal has room for; the report has all.
+_COLUMNS: Final = {
+    "trajectory_rmse_m": "path, m",
+    "map_rmse_m": "map, m",
+    "nees_mean": "NEES",
+    "cpu_s": "CPU, s",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +76,9 @@ def study(request: StudyRequest) -> None:
         )
     _print_failures(console, outcomes, request)
     _print_summaries(console, outcomes)
-    console.print(f"written: {folder}")
+    with console.status("writing the report"):
+        page = write_report(folder)
+    console.print(f"written: {folder}, look at {page}")
 
 
 def _run_one(console: Console, plan: Plan, wanted: str, how: Execution) -> None:
@@ -112,34 +120,27 @@ def _print_failures(console: Console, outcomes: Sequence[Outcome], request: Stud
 
 
 def _print_summaries(console: Console, outcomes: Sequence[Outcome]) -> None:
-    """The first metrics that can be better or worse, a table a condition."""
+    """Medians with their intervals, a table a condition."""
     found = summaries(outcomes, np.random.default_rng(0))
-    names = dict.fromkeys(each.metric for each in found if each.better is not Direction.NEITHER)
-    columns = list(names)[:_NUM_COLUMNS]
     for condition in dict.fromkeys(each.condition for each in found):
         its = {(each.estimator, each.metric): each for each in found if each.condition == condition}
         table = Table(title=condition)
-        for name in ("estimator", "trials", "failed", *columns):
+        for name in ("estimator", "trials", "failed", *_COLUMNS.values()):
             table.add_column(name)
         for estimator in dict.fromkeys(estimator for estimator, _ in its):
-            table.add_row(estimator, *_cells(estimator, columns, its))
+            table.add_row(estimator, *_cells(estimator, its))
         console.print(table)
 
 
-def _cells(
-    estimator: str, columns: Sequence[str], its: dict[tuple[str, str], Summary]
-) -> list[str]:
+def _cells(estimator: str, its: dict[tuple[str, str], Summary]) -> list[str]:
     any_of = next(each for (name, _), each in its.items() if name == estimator)
     total = any_of.n + any_of.failures + any_of.absent
-    cells = [str(total), str(any_of.failures)]
-    for column in columns:
-        summary = its.get((estimator, column))
-        cells.append("-" if summary is None else _interval(summary))
-    return cells
+    metrics = [its.get((estimator, metric)) for metric in _COLUMNS]
+    return [str(total), str(any_of.failures), *map(_interval, metrics)]
 
 
-def _interval(summary: Summary) -> str:
-    if not summary.n:
+def _interval(summary: Summary | None) -> str:
+    if summary is None or not summary.n:
         return "-"
     interval = "" if np.isnan(summary.low) else f" ({summary.low:.3g} to {summary.high:.3g})"
     return f"{summary.median:.3g}{interval}"

@@ -41,6 +41,9 @@ ESTIMATORS: Final[Mapping[str, Entry]] = {
     ),
     "smoothed": Entry("graph", "smoothed", "online iSAM2 with joint compatibility and odds"),
     "refined": Entry("graph", "refined", "all of it in one batch, associations decided anew"),
+    "double-counting": Entry(
+        "double_counting", "estimate", "the graph with the closed form as odometry: a warning"
+    ),
     "ekf-slam": Entry("ekf_slam", "estimate", "EKF-SLAM, maximum likelihood under joint gates"),
     "plain-isam2": Entry("plain_isam2", "estimate", "iSAM2 as it comes, nearest neighbours"),
     "oracle": Entry("known", "estimate", "the batch optimum with true associations: the limit"),
