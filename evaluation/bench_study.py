@@ -47,7 +47,6 @@ def rows(outcomes: Sequence[Outcome]) -> list[Row]:
         Row("smoothed, path, median", float(np.median(smoothed_m)), "m", Better.LOWER, 0.05),
         _ratio(outcomes, "smoothed", "fast", 1.0),
         _ratio(outcomes, "smoothed", "oracle", 1.05),
-        _ratio(outcomes, "refined", "oracle", 1.05),
         Row("smoothed, landmarks twice, most", float(twice.max()), "", Better.LOWER, 0.0),
     ]
 
