@@ -25,12 +25,14 @@ class Section:
     """Figures that belong together; `work` is their share of the time, for what is left of it.
 
     `asked_only`: takes so long that it is measured only where it is asked for by name.
+    `seeds`: of its own, instead of the bench's.
     """
 
     name: str
     figures: tuple[Figures, ...]
     work: float
     asked_only: bool = False
+    seeds: Sequence[int] | None = None
 
 
 def tell(share: float) -> None:
@@ -56,18 +58,24 @@ def chosen(sections: Sequence[Section], names: Sequence[str]) -> tuple[Section, 
 
 
 def bench(
-    console: "Console", name: str, sections: Sequence[Section], seeds: Sequence[int], folder: Path
+    console: "Console",
+    name: str,
+    sections: Sequence[Section],
+    seeds: Sequence[int] | None,
+    folder: Path,
 ) -> None:
     """Measures, prints and writes `NAME.csv` and `NAME.md`: both or neither.
+
+    Without seeds each section has its own, and its heading says which.
 
     Raises:
         SemgraphError: the folder cannot be written, or holds something else.
     """
     with staged_folder(folder, f"{name}.csv") as staged:
         with progress(console, name, 100, "%") as report:
-            measured = measure(sections, seeds, report)
+            measured = measure(sections, seeds or (), report)
         write_csv(measured, staged / f"{name}.csv")
-        title = f"{name.capitalize()}, seeds {seeds[0]} to {seeds[-1]}"
+        title = name.capitalize() + (f", seeds {seeds[0]} to {seeds[-1]}" if seeds else "")
         write_markdown(measured, title, staged / f"{name}.md")
     print_table(console, measured)
 
@@ -85,7 +93,7 @@ def measure(
     for section in sections:
         report.note(section.name)
         share = _Share(report, section, before / whole, section.work / whole)
-        measured.append(_measure(section, seeds, share))
+        measured.append(_measure(section, section.seeds or seeds, share))
         before += section.work
     return tuple(measured)
 
@@ -124,4 +132,11 @@ def _measure(section: Section, seeds: Sequence[int], share: _Share) -> SectionRo
         left_out = " ".join(str(error).split())
     finally:
         _told.reset(token)
-    return SectionRows(section.name, tuple(rows), time.perf_counter() - started, left_out)
+    return SectionRows(_named(section), tuple(rows), time.perf_counter() - started, left_out)
+
+
+def _named(section: Section) -> str:
+    """With its own seeds, where it has some."""
+    if section.seeds is None:
+        return section.name
+    return f"{section.name}, seeds {section.seeds[0]} to {section.seeds[-1]}"

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from semgraph.argument_types import DATA, AddParser, positive, seeds, sigma
+from semgraph.baseline_command import add_baseline, call_baseline
+from semgraph.bench_all_command import add_bench_all, call_bench_all
 from semgraph.errors import SemgraphError
 from semgraph.report_command import add_report, call_report
 from semgraph.study_arguments import add_study, call_study
@@ -58,6 +60,7 @@ def _call(parsed: argparse.Namespace) -> None:
         "refine": _call_refine,
         "study": call_study,
         "report": call_report,
+        "baseline": call_baseline,
     }
     if parsed.command in own:
         own[parsed.command](parsed)
@@ -113,6 +116,9 @@ def _call_localize(parsed: argparse.Namespace) -> None:
 
 
 def _call_bench(parsed: argparse.Namespace) -> None:
+    if parsed.bench in ("all", None):
+        call_bench_all(parsed)
+        return
     from semgraph import commands
 
     match parsed.bench:
@@ -208,6 +214,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_bench(commands.add_parser)
     add_study(commands.add_parser)
     add_report(commands.add_parser)
+    add_baseline(commands.add_parser)
     return parser
 
 
@@ -281,7 +288,8 @@ def _add_refine(add_parser: AddParser) -> None:
 
 def _add_bench(add_parser: AddParser) -> None:
     bench = add_parser("bench", help="measure figures of detectors and graph, and their targets")
-    benches = bench.add_subparsers(dest="bench", required=True, metavar="WHAT")
+    benches = bench.add_subparsers(dest="bench", metavar="WHAT")
+    add_bench_all(benches.add_parser)
     detectors = benches.add_parser("detectors", help="on simulated measurements and whole runs")
     _add_seeds(detectors, range(101, 125), "up to an hour")
     detectors.add_argument(

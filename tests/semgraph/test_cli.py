@@ -147,7 +147,8 @@ def test_a_course_is_written_as_a_folder_that_runs_the_same(tmp_path: Path) -> N
     "arguments",
     [
         ["fly"],
-        ["bench"],
+        ["bench", "fly"],
+        ["bench", "all", "--seeds", "x"],
         ["bench", "detectors", "--seeds", "5-4"],
         ["bench", "detectors", "--seeds", "x"],
         ["bench", "detectors", "--seeds=-3-4"],
