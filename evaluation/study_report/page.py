@@ -103,16 +103,21 @@ def _lead_figures(contents: Contents) -> list[Markup]:
     primary = contents.primary
     if primary is None:
         return []
-    several = figures.across_conditions(contents, primary)
-    if several is not None:
-        return _grid([several])
-    condition = contents.conditions[0]
-    return _grid(
-        [
-            figures.medians(contents, condition, primary),
-            figures.cost_over_accuracy(contents, condition, primary),
-        ]
-    )
+    measured = [each for each in contents.conditions if contents.ranked(each, primary)]
+    if not measured:
+        return []
+    across = figures.across_conditions(contents, primary)
+    return _grid([across, *_leading(contents, measured[0])])
+
+
+def _leading(contents: Contents, condition: str) -> list[Markup | None]:
+    primary = contents.primary
+    if primary is None:
+        return []
+    return [
+        figures.medians(contents, condition, primary),
+        figures.cost_over_accuracy(contents, condition, primary),
+    ]
 
 
 def _figures(contents: Contents) -> list[Markup]:
@@ -143,14 +148,14 @@ def _charts(contents: Contents, condition: str) -> list[Markup | None]:
         for each in contents.headlines
         if each.name in ("heading_rmse_deg", "map_rmse_m") and contents.ranked(condition, each)
     ]
-    several = len(contents.conditions) > 1
+    is_first = condition == contents.conditions[0]
     return [
         figures.errors_over_time(contents, condition),
         figures.boxes(contents, condition, primary),
         figures.ecdfs(contents, condition, primary),
         figures.nees(contents, condition),
         figures.nees_over_time(contents, condition),
-        figures.cost_over_accuracy(contents, condition, primary) if several else None,
+        *([] if is_first else _leading(contents, condition)),
         *[figures.boxes(contents, condition, each) for each in others],
     ]
 
