@@ -74,9 +74,9 @@ def judge(result: RunResult, truth: Truth) -> tuple[Metric, ...]:
     said = Said(result.smoothed, result.smoothed_covariances, result.landmarks)
     metrics = [*metrics_of(said, truth)]
     if truth.path is not None:
-        metrics += _of_trajectory(result.fast, truth.path, "fast_")
+        metrics += trajectory_metrics(result.fast, truth.path, "fast_")
         if result.online is not None:
-            metrics += _of_trajectory(result.online.trajectory, truth.path, "online_")
+            metrics += trajectory_metrics(result.online.trajectory, truth.path, "online_")
     metrics += _of_fast_map(result, truth)
     metrics += _of_rotation(result)
     metrics += _of_run(result)
@@ -92,7 +92,7 @@ def metrics_of(said: Said, truth: Truth) -> Iterator[Metric]:
     """Of path, map and covariances, all that the truth allows."""
     world_T_map = path_alignment(said.trajectory, truth)
     if truth.path is not None:
-        yield from _of_trajectory(said.trajectory, truth.path, "")
+        yield from trajectory_metrics(said.trajectory, truth.path, "")
         yield from _of_poses(said, truth.path)
     if said.landmarks is None:
         return
@@ -113,7 +113,8 @@ def path_alignment(estimate: Trajectory, truth: Truth) -> Pose2 | None:
     return None if errors is None else errors.world_T_map
 
 
-def _of_trajectory(estimate: Trajectory, truth: TruePath, prefix: str) -> Iterator[Metric]:
+def trajectory_metrics(estimate: Trajectory, truth: TruePath, prefix: str) -> Iterator[Metric]:
+    """Absolute and relative errors of a path, their names beginning with the prefix."""
     rigid = compare_path(estimate, truth, Alignment.RIGID)
     if rigid is None:
         return

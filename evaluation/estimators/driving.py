@@ -64,8 +64,9 @@ class Drive:
         stamps_ns = np.array(self.stamps_ns, dtype=np.int64)
         poses = np.array([step.map_T_base.pose.as_array() for step in self.steps])
         covariances = np.array([step.map_T_base.covariance for step in self.steps])
+        trajectory = Trajectory(stamps_ns, poses)
         return Estimate(
-            Trajectory(stamps_ns, poses),
+            trajectory,
             covariances if has_covariances else np.empty((0, 3, 3)),
             landmarks,
             {
@@ -75,6 +76,7 @@ class Drive:
             np.array(self.seconds),
             self._closed_at_ns(),
             np.zeros(0) if nis is None else nis,
+            trajectory,
         )
 
     def _closed_at_ns(self) -> tuple[int, ...]:

@@ -27,6 +27,8 @@ class Estimate:
         closed_at_ns: when loops were closed.
         nis: (k,) normalised squares of the innovations that were used, of 2 degrees of freedom
             each; empty where the estimator has none.
+        online: map_T_base at each moment as it was said at the time; None where nothing was. The
+            trajectory itself may be a later and better answer.
     """
 
     trajectory: Trajectory
@@ -36,6 +38,7 @@ class Estimate:
     step_seconds: FloatArray = field(default_factory=lambda: np.empty(0))
     closed_at_ns: tuple[int, ...] = ()
     nis: FloatArray = field(default_factory=lambda: np.empty(0))
+    online: Trajectory | None = None
 
 
 class Estimator(Protocol):

@@ -6,8 +6,10 @@ import numpy as np
 
 from evaluation.estimators.driving import Drive, Step, drive
 from evaluation.estimators.estimate import Estimate
+from semgraph.arrays import FloatArray
 from semgraph.decisions import What
 from semgraph.errors import InputError
+from semgraph.estimates import Trajectory
 from semgraph.fast_estimator import FastEstimator
 from semgraph.graph_beside import GraphInProcess
 from semgraph.pipeline import Moment
@@ -21,9 +23,10 @@ from sensors.truth import Source
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Run:
-    """What the graph made of a source."""
+    """What the graph made of a source, in time and in the end."""
 
     drive: Drive
+    online: Trajectory
     smoothed: Smoothed
     log: RunLog
 
@@ -40,6 +43,7 @@ def smoothed(source: Source, settings: Settings, rng: np.random.Generator) -> Es
         made.associations,
         np.array(run.drive.seconds),
         _closed_at_ns(run),
+        online=run.online,
     )
 
 
@@ -63,19 +67,21 @@ def _smooth(source: Source, settings: Settings) -> _Run:
     map_T_start = source.recording.map_T_start
     tracker = FastEstimator(settings.tracker, map_T_start)
     graph = GraphInProcess(settings.smoother, map_T_start)
-    recorder = LogRecorder(settings.smoother.start(map_T_start))
+    recorder, latest = LogRecorder(settings.smoother.start(map_T_start)), list[FloatArray]()
 
     def step(moment: Moment) -> Step:
         tracked = tracker.step(moment.perceptions, moment.odometry)
         graph.add(tracked, moment.perceptions, moment.views)
         recorder.add(tracked, moment.perceptions, moment.views)
+        latest.append(graph.latest().as_array())
         return Step(tracked.map_T_base, tracked.landmark_ids)
 
     said = drive(source, settings, step)
     made = graph.finish(Silence().note)
     if not len(made.trajectory):
         raise InputError(f"{source.recording.name}: the graph came to no path")
-    return _Run(said, made, recorder.log(made.trajectory, made.associations))
+    online = Trajectory(np.array(said.stamps_ns, dtype=np.int64), np.array(latest))
+    return _Run(said, online, made, recorder.log(made.trajectory, made.associations))
 
 
 def _closed_at_ns(run: _Run) -> tuple[int, ...]:

@@ -9,7 +9,15 @@ from evaluation.association import compare_associations
 from evaluation.closures import compare_closures
 from evaluation.consistency import gauge, pose_nees
 from evaluation.estimators.estimate import Estimate
-from evaluation.metrics import Direction, Metric, Said, known_only, metrics_of, squares_of
+from evaluation.metrics import (
+    Direction,
+    Metric,
+    Said,
+    known_only,
+    metrics_of,
+    squares_of,
+    trajectory_metrics,
+)
 from evaluation.studies.trial import MAX_SAMPLES, Drawing, Series
 from evaluation.trajectory import PathErrors, compare_path
 from semgraph.arrays import FloatArray, IntArray
@@ -36,6 +44,7 @@ def judge_estimate(estimate: Estimate, source: Source) -> tuple[Metric, ...]:
     return known_only(
         [
             *metrics_of(said, truth),
+            *_of_online(estimate, truth),
             *_of_associations(estimate, truth, has_detectors=bool(source.recording.detectors)),
             *squares_of("nis", estimate.nis, 2),
             *_of_closures(estimate, truth),
@@ -85,6 +94,12 @@ def _makes_a_map(estimate: Estimate) -> bool:
 
 def _associates(estimate: Estimate) -> bool:
     return any((ids >= 0).any() for ids in estimate.associations.values())
+
+
+def _of_online(estimate: Estimate, truth: Truth) -> Iterator[Metric]:
+    """What was known in time; of a filter that is its path."""
+    if truth.path is not None and estimate.online is not None:
+        yield from trajectory_metrics(estimate.online, truth.path, "online_")
 
 
 def _of_associations(estimate: Estimate, truth: Truth, *, has_detectors: bool) -> Iterator[Metric]:

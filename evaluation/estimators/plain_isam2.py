@@ -8,6 +8,7 @@ not: under it a loop that is closed from afar moves nothing.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Final, final
 
 import gtsam
@@ -58,16 +59,13 @@ def estimate(source: Source, settings: Settings, rng: np.random.Generator) -> Es
         return Said(UncertainPose2(slam.pose, np.zeros((3, 3))), landmark_ids)
 
     said = drive(source, settings, step).estimate(has_covariances=False)
-    stamps_ns = said.trajectory.stamps_ns
     poses, covariances = slam.poses()
-    return Estimate(
-        Trajectory(stamps_ns, poses),
-        covariances,
-        slam.landmarks(),
-        said.associations,
-        said.step_seconds,
-        said.closed_at_ns,
-        slam.nis,
+    return replace(
+        said,
+        trajectory=Trajectory(said.trajectory.stamps_ns, poses),
+        covariances=covariances,
+        landmarks=slam.landmarks(),
+        nis=slam.nis,
     )
 
 

@@ -7,7 +7,7 @@ import logging
 import os
 import secrets
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -26,10 +26,21 @@ if TYPE_CHECKING:
 
 DEFAULT_LIMITS: Final = Limits(3600.0)
 _PATIENCE_S: Final = 10.0
+# Workers take seconds to start, and to be started again by whoever looks after them.
+_WORKERLESS_S: Final = 30.0
 # A worker that ends with a trial may be anybody's fault; four that do are the trial's.
 _NUM_KILLED: Final = 3
 # So many trials a thread are known to the scheduler: one runs, and one is there when it is done.
 _AHEAD: Final = 2
+# Dask looks after itself fifty times a second and more; that took 4 % of a core from the trials.
+_QUIET: Final = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.system-monitor.gil.enabled": False,
+    "distributed.admin.system-monitor.interval": "10s",
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.tick.limit": "30s",
+    "distributed.worker.memory.monitor-interval": "10s",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,33 +92,56 @@ def run_alone(trial: Trial, how: Execution) -> bytes:
 
 
 def _on_cluster(trials: Sequence[Trial], how: Execution) -> Generator[bytes, None, None]:
+    from distributed.client import FutureCancelledError, FuturesCancelledError
+
     with _client(how, len(trials)) as client:
         submit = partial(_submitted, client, how, secrets.token_hex(4))
         try:
             yield from _completed(client, trials, submit)
-        except OSError as error:
-            raise _gone() from error
+        except (OSError, FutureCancelledError, FuturesCancelledError) as error:
+            raise SemgraphError(
+                "the scheduler is gone; all finished trials are kept: give the same command again"
+            ) from error
 
 
 def _completed(
     client: "Client", trials: Sequence[Trial], submit: Callable[[Trial], "Future"]
 ) -> Iterator[bytes]:
     """Outcomes as they come; only as many trials are submitted as keep all workers busy."""
-    from distributed import as_completed
-
     waiting = iter(trials)
-    running: dict[str, Trial] = {}
-    done = as_completed()
+    running: dict[Future, Trial] = {}
     while True:
         for trial in _some(waiting, _AHEAD * _num_threads(client) - len(running)):
-            future = submit(trial)
-            running[future.key] = trial
-            done.add(future)
+            running[submit(trial)] = trial
         if not running:
             return
-        future = next(done)
-        yield _line(running.pop(future.key), future)
-        future.release()
+        for future in _next_done(client, running):
+            yield _line(running.pop(future), future)
+            future.release()
+
+
+def _next_done(client: "Client", running: Collection["Future"]) -> Collection["Future"]:
+    """One or more of the futures, which are done.
+
+    Raises:
+        SemgraphError: there has been no worker for long.
+    """
+    from distributed import wait
+
+    deadline = time.monotonic() + _WORKERLESS_S
+    while True:
+        try:
+            done: Collection[Future] = wait(list(running), _PATIENCE_S, "FIRST_COMPLETED").done
+        except TimeoutError:
+            if client.nthreads():
+                deadline = time.monotonic() + _WORKERLESS_S
+            elif time.monotonic() > deadline:
+                raise SemgraphError(
+                    f"there has been no worker for {_WORKERLESS_S:.0f} s; all finished trials are "
+                    "kept: start workers and give the same command again"
+                ) from None
+        else:
+            return done
 
 
 def _some(trials: Iterator[Trial], number: int) -> Iterator[Trial]:
@@ -135,20 +169,12 @@ def _line(trial: Trial, future: "Future") -> bytes:
 
     if future.status == "finished":
         return bytes(future.result())
-    error = future.exception() if future.status == "error" else None
+    error = future.exception()
     if isinstance(error, KilledWorker):
         reason = f"the workers that ran it ended, {_NUM_KILLED + 1} times"
-        return outcome_line(Outcome(trial, Status.FAILED, reason))
-    if error is not None:
+    else:
         reason = f"its worker could not run it: {type(error).__name__}: {error}"
-        return outcome_line(Outcome(trial, Status.FAILED, reason))
-    raise _gone()
-
-
-def _gone() -> SemgraphError:
-    return SemgraphError(
-        "the scheduler is gone; all finished trials are kept: give the same command again"
-    )
+    return outcome_line(Outcome(trial, Status.FAILED, reason))
 
 
 @contextmanager
@@ -162,9 +188,8 @@ def _client(how: Execution, num_trials: int) -> Iterator["Client"]:
     settings = {
         "distributed.scheduler.allowed-failures": _NUM_KILLED,
         "distributed.nanny.pre-spawn-environ": ONE_THREAD,
-        "distributed.worker.memory.terminate": False,
     }
-    with dask.config.set(settings):
+    with dask.config.set(settings | _QUIET):
         if how.scheduler is not None:
             with _connected(how.scheduler, how.tls) as client:
                 yield client
@@ -210,7 +235,7 @@ def _check_workers(client: "Client", address: str) -> None:
     Raises:
         SemgraphError: there is none, or one lacks this package.
     """
-    deadline = time.monotonic() + _PATIENCE_S
+    deadline = time.monotonic() + _WORKERLESS_S
     while not client.nthreads():
         if time.monotonic() > deadline:
             raise SemgraphError(

@@ -25,8 +25,8 @@ _PACKAGES: Final = ("semgraph", "numpy", "gtsam")
 def measure(trial: Trial) -> Outcome:
     """What comes out of a trial; a known error is an outcome too, all others are raised.
 
-    Times are of the estimator alone, without opening and judging, and start at zero where it
-    never came to run.
+    Times are of the estimator alone, without opening and judging. Libraries that spread over
+    several processors add to its processor time: workers keep them to one, before numpy is loaded.
     """
     clock = _Clock()
     try:

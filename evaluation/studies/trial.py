@@ -103,7 +103,7 @@ class Outcome:
     Attributes:
         reason: why it did not finish, in one line; empty if it did.
         metrics: each with unit and direction; none if it did not finish.
-        wall_s, cpu_s: what it took.
+        wall_s, cpu_s: what the estimator took, without opening and judging.
         peak_memory_bytes: of its process, at the end of the trial.
         series, drawing: None where the truth has no path.
     """

@@ -1,8 +1,5 @@
 import math
-import shutil
-import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +11,7 @@ from evaluation.trajectory import (
     PathErrors,
     comparable_rows,
     compare_path,
+    frame_errors,
     relative_errors,
     rmse,
     trajectory_difference,
@@ -22,7 +20,6 @@ from semgraph.arrays import FloatArray
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
 from semgraph.geometry import Pose2
-from semgraph.trajectory_files import write_tum
 from sensors.truth import TruePath
 from tests.evaluation.course import make_run
 
@@ -196,6 +193,28 @@ def test_the_relative_error_is_the_plain_definition(length_m: float) -> None:
     assert ours.heading_rmse == pytest.approx(turn, abs=1e-9)
 
 
+def test_the_relative_error_of_frames_is_the_plain_definition() -> None:
+    result, truth = make_run(3)
+    path = truth.path
+    assert path is not None
+    assert path.headings is not None
+    true = np.column_stack([path.world_t_reference, path.headings])
+    for frames in (1, 3):
+        ours = frame_errors(result.fast, path, frames)
+        assert ours is not None
+        errors = [
+            np.linalg.inv(np.linalg.inv(matrix(*true[i])) @ matrix(*true[i + frames]))
+            @ (np.linalg.inv(matrix(*result.fast.map_T_bases[i])))
+            @ matrix(*result.fast.map_T_bases[i + frames])
+            for i in range(0, len(true) - frames, frames)
+        ]
+        squares = [E[0, 2] ** 2 + E[1, 2] ** 2 for E in errors]
+        assert ours.num_segments == len(errors)
+        assert ours.translation_rmse_m == pytest.approx(math.sqrt(np.mean(squares)), abs=1e-12)
+    assert frame_errors(result.fast, path, len(true)) is None
+    assert frame_errors(result.fast, replace(path, headings=None)) is None
+
+
 def test_lengths_never_driven_and_unknown_headings_have_no_relative_error() -> None:
     result, truth = make_run(3)
     assert truth.path is not None
@@ -220,23 +239,3 @@ def test_the_difference_of_trajectories_is_rigidly_invariant() -> None:
 def test_a_single_estimate_can_be_compared_at_its_own_time_only() -> None:
     estimate, truth = straight([1.0], [0.0, 1.0, 2.0])
     np.testing.assert_array_equal(comparable_rows(estimate, truth.stamps_ns), [1])
-
-
-@pytest.mark.skipif(shutil.which("evo_ape") is None, reason="needs the command evo_ape (evo)")
-def test_the_absolute_error_is_evos(tmp_path: Path) -> None:
-    result, truth = make_run(5)
-    path = truth.path
-    assert path is not None
-    assert path.headings is not None
-    true = np.column_stack([path.world_t_reference, path.headings])
-    write_tum(tmp_path / "truth.tum", Trajectory(path.stamps_ns, true))
-    write_tum(tmp_path / "estimate.tum", result.fast)
-    said = subprocess.run(
-        ["evo_ape", "tum", "truth.tum", "estimate.tum", "--align"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-    evo = float(next(line.split()[1] for line in said.splitlines() if "rmse" in line))
-    assert rmse(compared(result.fast, path).errors) == pytest.approx(evo, abs=1e-6)

@@ -1,6 +1,7 @@
 """Trials in this process, in local and remote clusters; what ends badly, and who is killed."""
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ import psutil
 import pytest
 
 from evaluation.studies import execution
-from evaluation.studies.execution import Execution, outcome_lines, run_alone
+from evaluation.studies.execution import Execution, Tls, outcome_lines, run_alone
 from evaluation.studies.outcome_lines import parse_outcome
 from evaluation.studies.store import TRIALS_JSONL
 from evaluation.studies.trial import Status
@@ -46,14 +47,14 @@ def runner(seconds: float = 30.0, memory_bytes: int = 0) -> Iterator[TrialRunner
 
 @contextmanager
 def cluster(
-    folder: Path, num_workers: int
+    folder: Path, num_workers: int, *tls: str
 ) -> Iterator[tuple[str, subprocess.Popen[bytes], list[subprocess.Popen[bytes]]]]:
     """A scheduler and workers as processes of their own, as a user starts them."""
     meeting = folder / "scheduler.json"
     started: list[subprocess.Popen[bytes]] = []
 
     def start(*arguments: str) -> None:
-        command = [sys.executable, "-m", *arguments, "--scheduler-file", str(meeting)]
+        command = [sys.executable, "-m", *arguments, *tls, "--scheduler-file", str(meeting)]
         quiet = subprocess.DEVNULL
         started.append(
             subprocess.Popen(command, stdout=quiet, stderr=quiet, cwd=folder, env=environment())
@@ -159,13 +160,39 @@ def test_a_remote_cluster_loses_a_worker_and_no_trial_and_is_missed_when_it_goes
             list(lines)
 
 
-def test_a_scheduler_without_workers_is_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.fixture
+def certificate(tmp_path: Path) -> Tls:
+    """One that vouches for itself."""
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl is not there to make a certificate")
+    pem, key = tmp_path / "cert.pem", tmp_path / "key.pem"
+    command = "openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=localhost -addext"
+    subprocess.run(
+        [*command.split(), "subjectAltName=IP:127.0.0.1", "-keyout", str(key), "-out", str(pem)],
+        check=True,
+        capture_output=True,
+    )
+    return Tls(pem, pem, key)
+
+
+def test_over_tls_strangers_are_kept_out_and_a_cluster_without_workers_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, certificate: Tls
 ) -> None:
-    with cluster(tmp_path, 0) as (address, _, _):
-        monkeypatch.setattr(execution, "_PATIENCE_S", 3.0)
-        with pytest.raises(SemgraphError, match="has no workers; start some with: dask worker"):
+    pem, key = str(certificate.ca), str(certificate.key)
+    tls = ("--tls-ca-file", pem, "--tls-cert", pem, "--tls-key", key, "--protocol", "tls")
+    with cluster(tmp_path, 1, *tls) as (address, _, workers):
+        how = Execution(scheduler=address, tls=certificate, measure=MEASURE)
+        lines = outcome_lines(PLAN.trials, how)
+        assert parse_outcome(next(lines)).status is Status.FINISHED
+        monkeypatch.setattr(execution, "_WORKERLESS_S", 0.0)
+        monkeypatch.setattr(execution, "_PATIENCE_S", 2.0)
+        with pytest.raises(SemgraphError, match="cannot be reached"):
             list(outcome_lines(PLAN.trials, Execution(scheduler=address, measure=MEASURE)))
+        kill_tree(workers[0].pid)
+        with pytest.raises(SemgraphError, match="there has been no worker for 0 s"):
+            list(lines)
+        with pytest.raises(SemgraphError, match="has no workers; start some with: dask worker"):
+            list(outcome_lines(PLAN.trials, how))
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere"])
