@@ -14,6 +14,8 @@ from evaluation.study_report.questions import answers
 from evaluation.study_report.sentences import summary
 from evaluation.study_report.trial_data import trial_data
 
+# Trials are thinned so that the page stays below 5 MB.
+_MOST_BYTES: Final = 4_800_000
 _SECTIONS: Final = {
     "summary": "Summary",
     "answers": "Answers",
@@ -58,11 +60,13 @@ def page(contents: Contents) -> str:
         element("title", f"Study {contents.name}"),
         element("style", style),
     )
+    main = element("main", _header(contents, list(sections)), *_rendered(sections), id="study")
+    room = _MOST_BYTES - len((style + script + main).encode())
     body = element(
         "body",
-        element("main", _header(contents, list(sections)), *_rendered(sections), id="study"),
+        main,
         Markup('<article id="trial" hidden aria-live="polite"></article>'),
-        element("script", Markup(trial_data(contents)), type="application/json", id="data"),
+        element("script", Markup(trial_data(contents, room)), type="application/json", id="data"),
         element("script", script),
     )
     return f"<!DOCTYPE html>\n{element('html', head, body, lang='en')}\n"
