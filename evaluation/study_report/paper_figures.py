@@ -61,7 +61,7 @@ def _fig_4(shown: Outcome) -> Markup | None:
     chart.line(drawing.true_path[:, 0], drawing.true_path[:, 1], "truth")
     chart.ring(drawing.true_landmarks[:, 0], drawing.true_landmarks[:, 1], "truth", 3.2)
     chart.line(drawing.estimated_path[:, 0], drawing.estimated_path[:, 1], _PAPERS.class_)
-    chart.dots(drawing.estimated_landmarks[:, 0], drawing.estimated_landmarks[:, 1], "c4", 1.9)
+    chart.dots(drawing.estimated_landmarks[:, 0], drawing.estimated_landmarks[:, 1], "c1", 1.9)
     seen = (
         f"{len(drawing.estimated_landmarks)} landmarks mapped, {len(drawing.true_landmarks)} true"
     )
