@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -70,10 +71,10 @@ def study(request: StudyRequest) -> None:
     for reason in plan.left_out:
         console.print(reason)
     folder = request.output or RESULTS / f"study-{plan.study.name}"
-    with progress(console, plan.study.name, len(plan.trials), "trials") as report:
-        outcomes = run_study(
-            plan, folder, request.how, report, console.print, retry=request.retry_failed
-        )
+    watch = partial(progress, console, plan.study.name, unit="trials")
+    outcomes = run_study(
+        plan, folder, request.how, watch, console.print, retry=request.retry_failed
+    )
     _print_failures(console, outcomes, request)
     _print_summaries(console, outcomes)
     with console.status("writing the report"):

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import closing
+from contextlib import AbstractContextManager, closing
 from pathlib import Path
 from typing import Final
 
@@ -17,10 +17,11 @@ from semgraph.progress import Report
 STUDY_TOML: Final = "study.toml"
 
 Told = Callable[[str], None]
+Watch = Callable[[int], AbstractContextManager[Report]]
 
 
 def run_study(
-    plan: Plan, folder: Path, how: Execution, report: Report, tell: Told, *, retry: bool = False
+    plan: Plan, folder: Path, how: Execution, watch: Watch, tell: Told, *, retry: bool = False
 ) -> tuple[Outcome, ...]:
     """The outcomes of all trials of a plan; those that the folder has are not run again.
 
@@ -28,7 +29,7 @@ def run_study(
         plan: all that the folder has must be in it.
         folder: new, or of an earlier run of this study.
         how: where trials run.
-        report: hears how many of the plan's trials are there.
+        watch: given the number of trials to run, who hears how many are done.
         tell: hears what a user should know, a line each.
         retry: run those again that did not finish.
 
@@ -44,7 +45,9 @@ def run_study(
         kept = len(plan.trials) - len(waiting)
         if kept:
             tell(f"{kept} of {len(plan.trials)} trials are there already")
-        _run(store, waiting, how, report, kept)
+        if waiting:
+            with watch(len(waiting)) as report:
+                _run(store, waiting, how, report)
         outcomes = _in_order(store.outcomes, plan.trials)
         write_tables(folder, outcomes)
     return outcomes
@@ -96,13 +99,11 @@ def _is_wanted(store: Store, trial: Trial, *, retry: bool) -> bool:
     return outcome is None or (retry and outcome.status is not Status.FINISHED)
 
 
-def _run(store: Store, waiting: list[Trial], how: Execution, report: Report, kept: int) -> None:
-    if not waiting:
-        return
+def _run(store: Store, waiting: list[Trial], how: Execution, report: Report) -> None:
     with closing(outcome_lines(waiting, how)) as lines:
         for done, line in enumerate(lines, start=1):
             _append(store, line)
-            report.done(kept + done)
+            report.done(done)
 
 
 def _append(store: Store, line: bytes) -> None:

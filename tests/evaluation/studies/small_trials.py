@@ -6,6 +6,7 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -106,12 +107,16 @@ def plan(
     return plan_study(study, Path("nowhere"))
 
 
+def unwatched(number: int) -> AbstractContextManager[Silence]:
+    return nullcontext(Silence())
+
+
 def client(arguments: Sequence[str]) -> None:
     """A process of its own that runs a small study: folder, workers, number, options."""
     folder, workers, number, *options = arguments
     named = dict(option.split("=", 1) for option in options)
     how = Execution(workers=int(workers), measure=MEASURE)
-    run_study(plan(int(number), **named), Path(folder), how, Silence(), print)
+    run_study(plan(int(number), **named), Path(folder), how, unwatched, print)
 
 
 if __name__ == "__main__":

@@ -18,9 +18,8 @@ from evaluation.studies.study_file import Plan
 from evaluation.studies.trial import Outcome, Status
 from evaluation.studies.trial_tables import TRIALS_CSV, TRIALS_PARQUET, write_tables
 from semgraph.errors import InputError, SemgraphError
-from semgraph.progress import Silence
 from tests.evaluation.studies.processes import environment, kill_tree, wait_until
-from tests.evaluation.studies.small_trials import CLIENT, MEASURE, measure, plan, trial
+from tests.evaluation.studies.small_trials import CLIENT, MEASURE, measure, plan, trial, unwatched
 from tests.evaluation.studies.test_store import no_file_above
 
 HERE = Execution(workers=0, measure=MEASURE)
@@ -28,7 +27,7 @@ HERE = Execution(workers=0, measure=MEASURE)
 
 def run(folder: Path, asked: Plan, *, retry: bool = False) -> tuple[tuple[Outcome, ...], list[str]]:
     told: list[str] = []
-    return run_study(asked, folder, HERE, Silence(), told.append, retry=retry), told
+    return run_study(asked, folder, HERE, unwatched, told.append, retry=retry), told
 
 
 def test_a_study_runs_once_and_grows_with_its_seeds(tmp_path: Path) -> None:
