@@ -235,7 +235,7 @@ def test_from_an_empty_directory_to_the_report_of_a_study(tmp_path: Path) -> Non
 
 
 def test_the_readmes_commands_exist() -> None:
-    named = set(re.findall(r"`semgraph ([a-z]+)\b", _text()))
+    named = set(re.findall(r"(?m)(?:`|^)semgraph ([a-z]+)\b", _text()))
     assert {"demo", "run", "evaluate", "view", "bench", "detect", "refine"} <= named
     assert {"study", "report", "baseline"} <= named
     (commands,) = (each for each in _parser()._actions if each.dest == "command")
