@@ -11,6 +11,7 @@ from evaluation.study_report.scales import Scale, tick_text
 from semgraph.arrays import BoolArray, FloatArray
 
 WIDTH: Final = 460
+_MOST_LETTERS: Final = 26
 _TOP, _RIGHT, _BOTTOM = 10.0, 14.0, 44.0
 
 
@@ -153,9 +154,9 @@ class Chart:
 def rows_chart(names: Sequence[str], x: Scale, row_height: float = 27.0) -> Chart:
     """A chart with a row for each name; the first, at the top, is row len(names) - 1."""
     height = _TOP + _BOTTOM + row_height * len(names)
-    left = 16.0 + 7.6 * max((len(name) for name in names), default=0)
-    y = Scale(-0.5, len(names) - 0.5)
-    return Chart(x, y, height, min(left, 0.45 * WIDTH), rows=tuple(names))
+    shown = tuple(_shortened(name) for name in names)
+    left = 16.0 + 7.6 * max((len(name) for name in shown), default=0)
+    return Chart(x, Scale(-0.5, len(names) - 0.5), height, left, rows=shown)
 
 
 def map_chart(points: FloatArray) -> Chart:
@@ -176,6 +177,11 @@ def map_chart(points: FloatArray) -> Chart:
         float(height) + _TOP + _BOTTOM,
         left,
     )
+
+
+def _shortened(name: str) -> str:
+    """The end of what is too long: conditions differ there."""
+    return name if len(name) <= _MOST_LETTERS else f"…{name[1 - _MOST_LETTERS :].lstrip(', ')}"
 
 
 def _begins(known: BoolArray) -> BoolArray:

@@ -73,6 +73,11 @@ class Contents:
         """As they first appear."""
         return _first_seen(each.trial.estimator for each in self.outcomes)
 
+    def estimators_of(self, condition: str) -> tuple[str, ...]:
+        """Those that the study has under a condition."""
+        its = (each.trial for each in self.outcomes)
+        return _first_seen(each.estimator for each in its if each.condition == condition)
+
     @property
     def metrics(self) -> dict[str, Metric]:
         """One of each name, for unit and direction; the headlines first."""

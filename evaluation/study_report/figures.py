@@ -228,9 +228,9 @@ def cost_over_accuracy(contents: Contents, condition: str, metric: Metric) -> Ma
 
 
 def across_conditions(contents: Contents, metric: Metric) -> Markup | None:
-    """The median of each estimator under each condition, where there are several."""
+    """The median of each estimator under each condition, where there are three or more."""
     conditions = contents.conditions
-    if len(conditions) < 2:
+    if len(conditions) < 3:
         return None
     places = np.arange(len(conditions), dtype=float)
     found = []

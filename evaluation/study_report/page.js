@@ -62,6 +62,7 @@
     let [x0, x1] = ends(allX), [y0, y1] = ends(allY);
     const room = 0.05 * (y1 - y0) || 0.5 * Math.abs(y1) || 1;
     y1 += room; y0 = zero ? Math.min(0, y0) : y0 - room;
+    if (!equal) x0 = Math.min(0, x0);
     if (!(x1 > x0)) x1 = x0 + 1;
     const W = 460, L = 56, R = 14, T = 10, B = 44, w = W - L - R;
     let h = 220;
@@ -94,11 +95,12 @@
       line.xs.forEach((x, k) => {
         const y = line.ys[k];
         if (!Number.isFinite(x) || !Number.isFinite(y)) { pen = false; return; }
-        d += `${pen && !line.dots ? "L" : "M"}${px(x).toFixed(1)} ${py(y).toFixed(1)}${line.dots ? "h0" : ""}`;
+        const r = line.ring, ring = r ? `m${-r} 0a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0` : "";
+        d += `${pen && !line.dots && !r ? "L" : "M"}${px(x).toFixed(1)} ${py(y).toFixed(1)}${line.dots ? "h0" : ring}`;
         pen = true;
       });
       const width = line.dots ? { "stroke-width": line.dots } : {};
-      svg.append(make("path", { class: `${line.dots ? "dots" : "line"} ${line.class}`, d, ...width }));
+      svg.append(make("path", { class: `${line.dots ? "dots" : line.ring ? "ring" : "line"} ${line.class}`, d, ...width }));
     }
     return make("figure", {}, svg, make("figcaption", {}, `${title}, ${description}`));
   }
@@ -110,10 +112,10 @@
     if (trial.path && trial.path.length) {
       const lines = [];
       if (shared && shared.path.length) lines.push({ ...points(shared.path), class: "truth" });
-      if (shared && shared.landmarks.length) lines.push({ ...points(shared.landmarks), class: "truth", dots: 7 });
+      if (shared && shared.landmarks.length) lines.push({ ...points(shared.landmarks), class: "truth", ring: 3.4 });
       lines.push({ ...points(trial.path), class: "c0" });
-      if (trial.landmarks.length) lines.push({ ...points(trial.landmarks), class: "c1", dots: 3.2 });
-      found.push(chart("Map and path", "truth in grey, the estimated path as a line, mapped landmarks as small dots.",
+      if (trial.landmarks.length) lines.push({ ...points(trial.landmarks), class: "c1", dots: 3.4 });
+      found.push(chart("Map and path", "truth in grey (rings), the estimated path and the mapped landmarks (dots) in colour.",
         "x (m)", "y (m)", lines, { equal: true }));
     }
     const s = trial.series;

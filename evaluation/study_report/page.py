@@ -14,6 +14,8 @@ from evaluation.study_report.questions import answers
 from evaluation.study_report.sentences import summary
 from evaluation.study_report.trial_data import trial_data
 
+# Trials are thinned so that the page stays below 5 MB.
+_MOST_BYTES: Final = 4_800_000
 _SECTIONS: Final = {
     "summary": "Summary",
     "answers": "Answers",
@@ -58,11 +60,13 @@ def page(contents: Contents) -> str:
         element("title", f"Study {contents.name}"),
         element("style", style),
     )
+    main = element("main", _header(contents, list(sections)), *_rendered(sections), id="study")
+    room = _MOST_BYTES - len((style + script + main).encode())
     body = element(
         "body",
-        element("main", _header(contents, list(sections)), *_rendered(sections), id="study"),
+        main,
         Markup('<article id="trial" hidden aria-live="polite"></article>'),
-        element("script", Markup(trial_data(contents)), type="application/json", id="data"),
+        element("script", Markup(trial_data(contents, room)), type="application/json", id="data"),
         element("script", script),
     )
     return f"<!DOCTYPE html>\n{element('html', head, body, lang='en')}\n"
@@ -103,16 +107,21 @@ def _lead_figures(contents: Contents) -> list[Markup]:
     primary = contents.primary
     if primary is None:
         return []
-    several = figures.across_conditions(contents, primary)
-    if several is not None:
-        return _grid([several])
-    condition = contents.conditions[0]
-    return _grid(
-        [
-            figures.medians(contents, condition, primary),
-            figures.cost_over_accuracy(contents, condition, primary),
-        ]
-    )
+    measured = [each for each in contents.conditions if contents.ranked(each, primary)]
+    if not measured:
+        return []
+    across = figures.across_conditions(contents, primary)
+    return _grid([across, *_leading(contents, measured[0])])
+
+
+def _leading(contents: Contents, condition: str) -> list[Markup | None]:
+    primary = contents.primary
+    if primary is None:
+        return []
+    return [
+        figures.medians(contents, condition, primary),
+        figures.cost_over_accuracy(contents, condition, primary),
+    ]
 
 
 def _figures(contents: Contents) -> list[Markup]:
@@ -143,14 +152,14 @@ def _charts(contents: Contents, condition: str) -> list[Markup | None]:
         for each in contents.headlines
         if each.name in ("heading_rmse_deg", "map_rmse_m") and contents.ranked(condition, each)
     ]
-    several = len(contents.conditions) > 1
+    is_first = condition == contents.conditions[0]
     return [
         figures.errors_over_time(contents, condition),
         figures.boxes(contents, condition, primary),
         figures.ecdfs(contents, condition, primary),
         figures.nees(contents, condition),
         figures.nees_over_time(contents, condition),
-        figures.cost_over_accuracy(contents, condition, primary) if several else None,
+        *([] if is_first else _leading(contents, condition)),
         *[figures.boxes(contents, condition, each) for each in others],
     ]
 

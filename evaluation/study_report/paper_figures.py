@@ -23,22 +23,23 @@ _TRUTH: Final = Series("truth", "truth")
 
 def paper_figures(contents: Contents) -> list[Markup]:
     """What can be drawn of the four; nothing where the fast estimator has no drawing."""
-    condition = next(iter(contents.conditions), "")
-    shown = median_trial(contents, condition, FAST)
-    if shown is None:
-        return []
-    figures = [_fig_4(shown), _fig_5(shown)]
-    other = next(
-        (
-            each
-            for each in contents.finished(condition, GLOBAL)
-            if each.trial.pair == shown.trial.pair
-        ),
-        None,
-    )
-    if other is not None:
-        figures += [_fig_6(shown, other), _fig_7(shown, other)]
+    found = (median_trial(contents, condition, FAST) for condition in contents.conditions)
+    shown = next((each for each in found if each is not None), None)
+    figures = [] if shown is None else [_fig_4(shown), _fig_5(shown)]
+    pair = _with_global(contents)
+    if pair is not None:
+        figures += [_fig_6(*pair), _fig_7(*pair)]
     return [each for each in figures if each is not None]
+
+
+def _with_global(contents: Contents) -> tuple[Outcome, Outcome] | None:
+    """The fast estimator and global localization on the same measurements."""
+    for condition in contents.conditions:
+        others = {each.trial.pair: each for each in contents.finished(condition, GLOBAL)}
+        shown = median_trial(contents, condition, FAST)
+        if shown is not None and shown.trial.pair in others:
+            return shown, others[shown.trial.pair]
+    return None
 
 
 def median_trial(contents: Contents, condition: str, estimator: str) -> Outcome | None:
@@ -60,7 +61,7 @@ def _fig_4(shown: Outcome) -> Markup | None:
     chart.line(drawing.true_path[:, 0], drawing.true_path[:, 1], "truth")
     chart.ring(drawing.true_landmarks[:, 0], drawing.true_landmarks[:, 1], "truth", 3.2)
     chart.line(drawing.estimated_path[:, 0], drawing.estimated_path[:, 1], _PAPERS.class_)
-    chart.dots(drawing.estimated_landmarks[:, 0], drawing.estimated_landmarks[:, 1], "c4", 1.9)
+    chart.dots(drawing.estimated_landmarks[:, 0], drawing.estimated_landmarks[:, 1], "c1", 1.9)
     seen = (
         f"{len(drawing.estimated_landmarks)} landmarks mapped, {len(drawing.true_landmarks)} true"
     )

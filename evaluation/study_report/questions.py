@@ -25,9 +25,14 @@ def answers(contents: Contents) -> list[Markup]:
     primary = contents.metrics.get(PATH_ERROR)
     if primary is None:
         return []
-    several = len(contents.conditions) > 1
+    asked = [
+        condition
+        for condition in contents.conditions
+        if len(contents.values(condition, _SMOOTHED, PATH_ERROR))
+    ]
+    several = len(asked) > 1
     found = []
-    for condition in contents.conditions:
+    for condition in asked:
         where = f" ({condition})" if several else ""
         for question, told in (
             ("How far does the fast estimator drift?", _drift(contents, condition)),

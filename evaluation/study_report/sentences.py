@@ -18,6 +18,8 @@ from evaluation.study_report.markup import Markup, element, joined
 from evaluation.study_report.scales import figure_text, figure_texts
 
 _SMALLEST_P: Final = 0.001
+# From so many conditions on, each is told in a sentence or two.
+_MANY: Final = 3
 
 
 def summary(contents: Contents) -> list[Markup]:
@@ -26,14 +28,19 @@ def summary(contents: Contents) -> list[Markup]:
     primary = contents.primary
     if primary is None:
         return [*told, element("p", "Nothing was measured: no trial finished with a figure.")]
+    is_short = len(contents.conditions) >= _MANY
     for condition in contents.conditions:
-        told += ranking(contents, condition, primary)
-    told += [_others(contents, metric) for metric in contents.headlines[1:]]
+        told += ranking(contents, condition, primary, is_short=is_short)
+    told.append(_power(contents, primary))
+    others = _leads if is_short else _others
+    told += [others(contents, metric) for metric in contents.headlines[1:]]
     return [each for each in told if each]
 
 
-def ranking(contents: Contents, condition: str, metric: Metric) -> list[Markup]:
-    """The best estimator but the oracle, and what it has over each of the others."""
+def ranking(
+    contents: Contents, condition: str, metric: Metric, *, is_short: bool = False
+) -> list[Markup]:
+    """The best estimator, and what it has over each of the others; folded away if to be short."""
     ranked = list(contents.contenders(condition, metric))
     if not ranked:
         return [element("p", f"{condition}: no estimator has a {words_of(metric)}.")]
@@ -43,14 +50,15 @@ def ranking(contents: Contents, condition: str, metric: Metric) -> list[Markup]:
         [where, ": ", _code(best.estimator), f" has the {_superlative(metric)} median ",
          f"{words_of(metric)}, {with_interval(best)}."]
     )  # fmt: skip
+    more = _told_more(contents, condition, metric)
     if not rest:
-        return [element("p", opening)]
+        return [element("p", opening), more]
     lines = [_against(contents, best, each) for each in rest]
     return [
         element("p", opening, " ", _in_short(contents, best, rest)),
-        element("ul", *lines),
-        _told_more(contents, condition, metric),
-        _power(contents, best),
+        element("details", element("summary", "By how much"), element("ul", *lines), more)
+        if is_short
+        else joined([element("ul", *lines), more]),
     ]
 
 
@@ -168,14 +176,15 @@ def _told_more(contents: Contents, condition: str, metric: Metric) -> Markup:
     return element("p", words, class_="note") if found else Markup()
 
 
-def _power(contents: Contents, best: Summary) -> Markup:
+def _power(contents: Contents, metric: Metric) -> Markup:
     """That there are too few seeds to show any difference, where that is so."""
-    family = sum(each.metric == best.metric for each in contents.differences)
-    smallest = min(1.0, family * 0.5 ** (best.n - 1))
-    if smallest <= 1.0 - CONFIDENCE:
+    family = [each for each in contents.differences if each.metric == metric.name]
+    most = max((each.n for each in family), default=0)
+    smallest = min(1.0, len(family) * 0.5 ** (most - 1))
+    if not family or smallest <= 1.0 - CONFIDENCE:
         return Markup()
     words = (
-        f"With {_counted(best.n, 'seed')} and {family} comparisons even the clearest difference "
+        f"With {_counted(most, 'seed')} and {len(family)} comparisons even the clearest difference "
         f"has p = {smallest:.2g} after Holm: to show any, there must be more seeds."
     )
     return element("p", words, class_="note")
@@ -212,6 +221,23 @@ def _others(contents: Contents, metric: Metric) -> Markup:
     expected = f", nearest to {metric.expected:g}" if metric.expected is not None else ""
     opening = element("strong", capitalised(words_of(metric)) + expected)
     return element("p", opening, ": ", "; ".join(leaders), ".")
+
+
+def _leads(contents: Contents, metric: Metric) -> Markup:
+    """Under how many conditions each is shown to lead."""
+    judged = [each for each in contents.conditions if len(contents.contenders(each, metric)) > 1]
+    if not judged:
+        return Markup()
+    leaders = [alike(contents, condition, metric) for condition in judged]
+    alone = Counter(tied[0] for tied in leaders if len(tied) == 1)
+    words = [f"{name} under {count}" for name, count in alone.most_common()]
+    num_open = len(judged) - alone.total()
+    if num_open:
+        words.append(f"under {num_open} nobody is shown to lead")
+    expected = f", nearest to {metric.expected:g}" if metric.expected is not None else ""
+    opening = element("strong", capitalised(words_of(metric)) + expected)
+    told = f", first of {_counted(len(judged), 'condition')}: {'; '.join(words)}."
+    return element("p", opening, told)
 
 
 def _leaders(contents: Contents, condition: str, metric: Metric) -> str:

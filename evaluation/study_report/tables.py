@@ -36,7 +36,7 @@ def headline_table(contents: Contents, condition: str) -> Markup:
     metrics = contents.headlines
     best = {each.name: alike(contents, condition, each) for each in metrics}
     rows = []
-    for estimator in contents.estimators:
+    for estimator in contents.estimators_of(condition):
         cells = [estimator]
         for metric in metrics:
             found = contents.summary(condition, estimator, metric.name)
@@ -59,10 +59,13 @@ def all_metrics_table(contents: Contents, condition: str) -> Markup:
     """Metrics as rows, estimators as columns."""
     rows = []
     for metric in contents.metrics.values():
-        found = [contents.summary(condition, each, metric.name) for each in contents.estimators]
+        found = [
+            contents.summary(condition, each, metric.name)
+            for each in contents.estimators_of(condition)
+        ]
         if any(each is not None for each in found):
             rows.append([_heading(metric), *[_median_cell(each, None) for each in found]])
-    columns = ["metric", *contents.estimators]
+    columns = ["metric", *contents.estimators_of(condition)]
     return table(f"{condition}: every metric, medians and 95 % intervals", columns, rows)
 
 
@@ -113,11 +116,11 @@ def trial_table(contents: Contents, condition: str) -> Markup:
         if each.trial.condition == condition:
             by_seed.setdefault(each.trial.seed, {})[each.trial.estimator] = each
     rows = [
-        [str(seed), *[_link(its.get(name), metric) for name in contents.estimators]]
+        [str(seed), *[_link(its.get(name), metric) for name in contents.estimators_of(condition)]]
         for seed, its in sorted(by_seed.items())
     ]
     what = f", {label_of(metric)}" if metric else ""
-    columns = ["seed", *contents.estimators]
+    columns = ["seed", *contents.estimators_of(condition)]
     return table(f"{condition}{what}: each value leads to its trial's page", columns, rows)
 
 

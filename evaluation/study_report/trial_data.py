@@ -11,21 +11,20 @@ from evaluation.studies.trial import Drawing, Outcome, Series
 from evaluation.study_report.contents import Contents, words_of
 from semgraph.arrays import FloatArray
 
-# Beside it, the page has room for its figures and tables within 5 MB.
-_MOST_BYTES: Final = 3_600_000
 _STRIDES: Final = (1, 2, 3, 4, 6, 8)
 _STEPS: Final = 1000
 
 
-def trial_data(contents: Contents) -> str:
-    """JSON of all trials; series and drawings are thinned as far as needed to stay small.
+def trial_data(contents: Contents, most_bytes: int) -> str:
+    """JSON of all trials; series and drawings are thinned where it would be larger than that.
 
-    Trials on the same measurements share a block, deflated and in base64: the true path and
-    landmarks are told once. Numbers in it are differences of whole steps, with the step before.
+    They are thinned to an eighth at most, whatever size that leaves. Trials on the same
+    measurements share a block, deflated and in base64: the true path and landmarks are told once.
+    Numbers in it are differences of whole steps, with the step before.
     """
     for stride in _STRIDES:
         pairs = _pairs(contents, stride)
-        if sum(len(pair["data"]) for pair in pairs) <= _MOST_BYTES:
+        if sum(len(pair["data"]) for pair in pairs) <= most_bytes:
             break
     metrics = [[words_of(each), each.unit, each.better.value] for each in contents.metrics.values()]
     whole = {"again": contents.one_again, "metrics": metrics, "pairs": pairs}

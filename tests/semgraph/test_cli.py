@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from evaluation.studies.study_file import read_study, study_text
+from semgraph.cli import _parser
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -210,11 +213,33 @@ def test_a_folder_written_by_hand_runs(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "map.png").stat().st_size > 10_000
 
 
-def test_the_readmes_commands_exist() -> None:
-    commands = set(
-        re.findall(r"semgraph (demo|run|evaluate|view|compare|bench|detect|refine)\b", _text())
+def test_from_an_empty_directory_to_the_report_of_a_study(tmp_path: Path) -> None:
+    (command,) = re.findall(r"semgraph (study .+)", _section("Studies").split("```")[1])
+    study = read_study("paper").model_copy(update={"estimators": ["paper", "fast"]})
+    first = study.model_copy(update={"condition": study.condition[:1], "seeds": "1-2"})
+    (tmp_path / "paper.toml").write_text(study_text(first))
+    arguments = command.replace("study paper ", "study paper.toml ").split()
+    done = semgraph(tmp_path, *arguments, "--workers", "0")
+    assert done.returncode == 0, done.stderr
+    files = {path.name for path in (tmp_path / "results" / "paper").iterdir()}
+    told = set(
+        re.findall(
+            r"`([a-z]+\.[a-z]+)`", _section("Studies").split("| file")[1].split("A study file")[0]
+        )
     )
-    assert {"demo", "run", "evaluate", "view", "bench", "detect", "refine"} <= commands
+    assert len(told) == 6
+    assert told <= files
+    page = (tmp_path / "results" / "paper" / "report.html").read_text(encoding="utf-8")
+    assert "4 trials: 2 estimators under 1 condition with 2 seeds. All that ran finished." in page
+    assert semgraph(tmp_path, "report", "results/paper").returncode == 0
+
+
+def test_the_readmes_commands_exist() -> None:
+    named = set(re.findall(r"(?m)(?:`|^)semgraph ([a-z]+)\b", _text()))
+    assert {"demo", "run", "evaluate", "view", "bench", "detect", "refine"} <= named
+    assert {"study", "report", "baseline"} <= named
+    (commands,) = (each for each in _parser()._actions if each.dest == "command")
+    assert named <= set(commands.choices or ())
     assert "./check" in _text()
     assert (ROOT / "check").stat().st_mode & 0o111
     assert "./check" in (ROOT / ".ci" / "run").read_text()

@@ -130,7 +130,9 @@ def test_few_seeds_have_a_page(num_seeds: int) -> None:
 
 
 def test_several_conditions_are_told_apart() -> None:
-    text = page(made.contents(made.outcomes(6, ("calm", "clutter=3"), study="clutter")))
+    text = page(
+        made.contents(made.outcomes(6, ("calm", "clutter=1", "clutter=3"), study="clutter"))
+    )
     elements = _Elements(text)
     assert "under each condition" in elements.words
     assert elements.words.count("clutter=3") >= 4

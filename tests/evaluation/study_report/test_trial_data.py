@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evaluation.study_report import trial_data
+from evaluation.study_report.trial_data import trial_data
 from semgraph.arrays import FloatArray
 from tests.evaluation.study_report import made
 
 
 def test_values_come_back_to_a_thousandth_of_their_extent() -> None:
     contents = made.contents(made.outcomes(2))
-    data = json.loads(trial_data.trial_data(contents))
+    data = json.loads(trial_data(contents, 1_000_000))
     for pair, start in zip(data["pairs"], (0, len(made.ESTIMATORS)), strict=True):
         block = _block(pair)
         outcomes = contents.outcomes[start : start + len(made.ESTIMATORS)]
@@ -30,11 +30,10 @@ def test_values_come_back_to_a_thousandth_of_their_extent() -> None:
         _check(block["truth"]["landmarks"][1], outcome.drawing.true_landmarks[:, 1])
 
 
-def test_where_there_are_many_no_peak_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_there_are_many_no_peak_is_lost() -> None:
     contents = made.contents(made.outcomes(2))
-    whole = json.loads(trial_data.trial_data(contents))
-    monkeypatch.setattr(trial_data, "_MOST_BYTES", 10_000)
-    thinned = json.loads(trial_data.trial_data(contents))
+    whole = json.loads(trial_data(contents, 1_000_000))
+    thinned = json.loads(trial_data(contents, 10_000))
     assert sum(len(pair["data"]) for pair in thinned["pairs"]) < 0.6 * sum(
         len(pair["data"]) for pair in whole["pairs"]
     )
