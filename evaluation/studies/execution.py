@@ -28,8 +28,8 @@ DEFAULT_LIMITS: Final = Limits(3600.0)
 _PATIENCE_S: Final = 10.0
 # Workers take seconds to start, and to be started again by whoever looks after them.
 _WORKERLESS_S: Final = 30.0
-# A worker that ends with a trial may be anybody's fault; four that do are the trial's.
-_NUM_KILLED: Final = 3
+# So often a worker may end with a trial before others go first.
+_NUM_KILLED: Final = 1
 # So many trials a thread are known to the scheduler: one runs, and one is there when it is done.
 _AHEAD: Final = 2
 # Dask looks after itself fifty times a second and more; that took 4 % of a core from the trials.
@@ -95,19 +95,36 @@ def _on_cluster(trials: Sequence[Trial], how: Execution) -> Generator[bytes, Non
     from distributed.client import FutureCancelledError, FuturesCancelledError
 
     with _client(how, len(trials)) as client:
-        submit = partial(_submitted, client, how, secrets.token_hex(4))
         try:
-            yield from _completed(client, trials, submit)
+            yield from _lines(client, trials, how)
         except (OSError, FutureCancelledError, FuturesCancelledError) as error:
             raise SemgraphError(
                 "the scheduler is gone; all finished trials are kept: give the same command again"
             ) from error
 
 
+def _lines(client: "Client", trials: Sequence[Trial], how: Execution) -> Iterator[bytes]:
+    """The outcomes; trials whose workers ended come again, one by one and last.
+
+    Dask blames a worker's end on all trials that were waiting for it too.
+    """
+    from distributed import KilledWorker
+
+    suspects = []
+    for trial, future in _completed(client, trials, partial(_submitted, client, how)):
+        if isinstance(future.exception(), KilledWorker):
+            suspects.append(trial)
+        else:
+            yield _line(trial, future)
+    for suspect in suspects:
+        for trial, future in _completed(client, [suspect], partial(_submitted, client, how)):
+            yield _line(trial, future)
+
+
 def _completed(
     client: "Client", trials: Sequence[Trial], submit: Callable[[Trial], "Future"]
-) -> Iterator[bytes]:
-    """Outcomes as they come; only as many trials are submitted as keep all workers busy."""
+) -> Iterator[tuple[Trial, "Future"]]:
+    """Trials as they are done; only as many are submitted as keep all workers busy."""
     waiting = iter(trials)
     running: dict[Future, Trial] = {}
     while True:
@@ -116,7 +133,7 @@ def _completed(
         if not running:
             return
         for future in _next_done(client, running):
-            yield _line(running.pop(future), future)
+            yield running.pop(future), future
             future.release()
 
 
@@ -131,7 +148,8 @@ def _next_done(client: "Client", running: Collection["Future"]) -> Collection["F
     deadline = time.monotonic() + _WORKERLESS_S
     while True:
         try:
-            done: Collection[Future] = wait(list(running), _PATIENCE_S, "FIRST_COMPLETED").done
+            with client.as_current():
+                done: Collection[Future] = wait(list(running), _PATIENCE_S, "FIRST_COMPLETED").done
         except TimeoutError:
             if client.nthreads():
                 deadline = time.monotonic() + _WORKERLESS_S
@@ -157,9 +175,9 @@ def _num_threads(client: "Client") -> int:
     return max(sum(int(threads) for threads in client.nthreads().values()), 1)
 
 
-def _submitted(client: "Client", how: Execution, run: str, trial: Trial) -> "Future":
-    """A trial on its way; `run` tells it from one that an earlier client left on the scheduler."""
-    key = f"trial-{trial.id}-{run}"
+def _submitted(client: "Client", how: Execution, trial: Trial) -> "Future":
+    """A trial on its way, under a key of its own, whoever submitted it before."""
+    key = f"trial-{trial.id}-{secrets.token_hex(4)}"
     return client.submit(run_trial, trial, how.measure, how.limits, key=key, pure=False)
 
 
@@ -167,13 +185,12 @@ def _line(trial: Trial, future: "Future") -> bytes:
     """The outcome that a future brings, or why it brings none."""
     from distributed import KilledWorker
 
-    if future.status == "finished":
-        return bytes(future.result())
     error = future.exception()
+    if error is None:
+        return bytes(future.result())
+    reason = f"its worker could not run it: {type(error).__name__}: {error}"
     if isinstance(error, KilledWorker):
-        reason = f"the workers that ran it ended, {_NUM_KILLED + 1} times"
-    else:
-        reason = f"its worker could not run it: {type(error).__name__}: {error}"
+        reason = "every worker that ran it ended, even when nothing else ran"
     return outcome_line(Outcome(trial, Status.FAILED, reason))
 
 

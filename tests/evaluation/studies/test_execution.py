@@ -122,9 +122,8 @@ def test_one_trial_alone_needs_no_cluster() -> None:
 
 
 def test_local_workers_compute_what_this_process_does_and_killed_ones_are_replaced(
-    reference: list[bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    reference: list[bytes], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(execution, "_NUM_KILLED", 1)
     once = tmp_path / "killed"
     todo = [
         trial("kills-its-worker", once=str(once)),
@@ -137,7 +136,7 @@ def test_local_workers_compute_what_this_process_does_and_killed_ones_are_replac
     assert once.exists()
     ends = {each.trial.estimator: each for each in map(parse_outcome, lines)}
     assert ends["kills-its-worker"].status is Status.FINISHED
-    assert ends["kills-its-worker-always"].reason == "the workers that ran it ended, 2 times"
+    assert ends["kills-its-worker-always"].reason.startswith("every worker that ran it ended")
     assert ends["hangs"].status is Status.TIMED_OUT
     assert sorted(line for line in lines if b'"plain"' in line) == reference
 
