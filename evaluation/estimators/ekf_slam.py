@@ -94,7 +94,7 @@ class EkfSlam:
     def _associate(self, perceptions: Perceptions) -> tuple[IntArray, BoolArray]:
         """(k, 2) perceptions and rows of the state; (n,) which perceptions are new."""
         rows = self._around(perceptions)
-        gated = gate(self.state, rows, self._sighted, self._ids[rows], perceptions)
+        gated = gate(self.state, rows, self._sighted, self._ids[rows], perceptions, self._scan)
         n, k = paired(-gated.log_likelihoods, gated.allowed)
         pairs = np.column_stack([n, rows[k]])
         return self._jointly(pairs, gated.innovations[n, k], perceptions), gated.is_new

@@ -28,7 +28,7 @@ class Gated:
         log_likelihoods: (n, k) but for a constant.
         allowed: (n, k) whether the one may be the other: by the 99 % gate, kind, identity and
             diameter.
-        is_new: (n,) far from all landmarks of its kind.
+        is_new: (n,) far from all landmarks of its kind, and of an identity that none bears.
     """
 
     innovations: FloatArray
@@ -39,7 +39,12 @@ class Gated:
 
 
 def gate(
-    state: PoseAndMap, rows: IntArray, known: Sighted, numbers: IntArray, perceptions: Perceptions
+    state: PoseAndMap,
+    rows: IntArray,
+    known: Sighted,
+    numbers: IntArray,
+    perceptions: Perceptions,
+    scan: int,
 ) -> Gated:
     """What is perceived beside landmarks.
 
@@ -49,6 +54,7 @@ def gate(
         known: beside where they are.
         numbers: (k,) of the same landmarks in `known`.
         perceptions: relative to base.
+        scan: its number.
     """
     expected, covariances = state.expected(rows)
     innovations = measured(perceptions)[:, None] - expected[None]
@@ -63,7 +69,7 @@ def gate(
         distances2,
         -0.5 * (distances2 + np.log(np.linalg.det(S))),
         is_possible & (distances2 <= CHI2_2DOF_99),
-        np.asarray(~is_there.any(axis=1)),
+        np.asarray(~is_there.any(axis=1)) & ~known.is_borne(perceptions, scan),
     )
 
 

@@ -152,10 +152,11 @@ class PlainIsam2:
         landmark_ids = np.full(len(perceptions), -1, dtype=np.int64)
         near = self._near(guess.transform(perceptions.base_t_landmarks()))
         if not len(near):
-            return landmark_ids, np.ones(len(perceptions), dtype=np.bool_)
+            return landmark_ids, ~self._known.is_borne(perceptions, self._num_poses)
         state = self._together(near)
         state.move(motion)
-        gated = gate(state, np.arange(len(near)), self._known, near, perceptions)
+        each = np.arange(len(near))
+        gated = gate(state, each, self._known, near, perceptions, self._num_poses)
         rows, columns = _nearest(gated)
         landmark_ids[rows] = near[columns]
         self._nis.append(gated.distances2[rows, columns])

@@ -91,6 +91,13 @@ class Sighted:
         same &= perceptions.identities[:, None] == self._identities[None, landmarks]
         return same
 
+    def is_borne(self, perceptions: Perceptions, scan: int) -> BoolArray:
+        """(n,) whether a landmark that is not given up bears a perception's identity."""
+        alive = np.flatnonzero(~self.is_given_up(scan))
+        named = perceptions.identities != ""
+        borne: BoolArray = named & self.same_kind(perceptions, alive).any(axis=1)
+        return borne
+
     def landmarks(
         self, numbers: Sequence[int], places: FloatArray, covariances: FloatArray
     ) -> tuple[Landmark, ...]:

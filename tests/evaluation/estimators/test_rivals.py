@@ -1,5 +1,7 @@
 """EKF-SLAM and plain iSAM2 are honest: consistent, near the batch, and they close loops."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -133,6 +135,17 @@ def test_what_contradicts_the_others_does_not_pass_the_joint_gate() -> None:
     loose = UncertainPose2(Pose2(), np.diag([0.5, 0.5, 1e-4]))
     ids = filter_.step(one_scan([6.0, 6.0, 6.7, 6.0], bearings, 1), loose)
     assert ids.tolist() == [0, 1, -1, 3]
+
+
+def test_an_identity_that_a_landmark_bears_makes_no_second_one() -> None:
+    filter_ = slam()
+    names = np.array(["a", "b"])
+    near = replace(one_scan([5.0, 8.0], [0.0, 1.0]), identities=names)
+    assert filter_.step(near, STILL).tolist() == [0, 1]
+    far = replace(one_scan([7.0, 8.0], [0.0, 1.0], 1), identities=names)
+    assert filter_.step(far, STILL).tolist() == [-1, 1]
+    other = replace(one_scan([7.0, 8.0], [0.0, 1.0], 2), identities=np.array(["c", "b"]))
+    assert filter_.step(other, STILL).tolist() == [2, 1]
 
 
 def test_pairs_are_as_many_as_possible_then_cheapest() -> None:
