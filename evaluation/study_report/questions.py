@@ -8,9 +8,10 @@ from evaluation.metrics import Metric
 from evaluation.studies.comparison import ORACLE
 from evaluation.study_report.contents import PATH_ERROR, Contents, words_of
 from evaluation.study_report.markup import Markup, element, escaped, joined
+from evaluation.study_report.paired import compared
 from evaluation.study_report.paper_figures import FAST
 from evaluation.study_report.scales import figure_text
-from evaluation.study_report.sentences import compared, span
+from evaluation.study_report.wording import span
 from semgraph.arrays import FloatArray
 
 _SMOOTHED, _REFINED = "smoothed", "refined"

@@ -9,8 +9,9 @@ from evaluation.studies.comparison import Summary, winner
 from evaluation.studies.trial import Outcome, Status
 from evaluation.study_report.contents import Contents, label_of, words_of
 from evaluation.study_report.markup import Markup, element, joined
+from evaluation.study_report.paired import alike
 from evaluation.study_report.scales import MINUS, UNKNOWN, figure_text, figure_texts
-from evaluation.study_report.sentences import alike, p_text
+from evaluation.study_report.wording import p_text
 
 _ARROWS: Final = {Direction.LOWER: " ↓", Direction.HIGHER: " ↑"}
 
