@@ -118,6 +118,16 @@ def true_belief(source: Source, batch: Batch, priors: Sequence[Prior]) -> Belief
     return Belief(np.array([pose.as_array() for pose in poses]), rows, known, seen)
 
 
+def true_rows(source: Source, perceptions: Sequence[Perceptions]) -> dict[int, IntArray]:
+    """By stamp, the true landmark of each thing found in raw measurements (n,), -1 for none.
+
+    Raises:
+        InputError: without true poses and landmarks there are no true associations.
+    """
+    truth = _Known.of(source)
+    return {each.stamp_ns: truth.rows(each, truth.pose(each.stamp_ns)) for each in perceptions}
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Known:
     """Truth with all that an oracle needs."""

@@ -62,7 +62,7 @@ def study(request: StudyRequest) -> None:
     Raises:
         SemgraphError: anything that a user can put right.
     """
-    console = Console(soft_wrap=True)
+    console = Console(soft_wrap=True, markup=False)
     plan = plan_study(read_study(request.place), request.data, request.seeds)
     check_trials(plan.trials)
     if request.trial is not None:
@@ -76,7 +76,9 @@ def study(request: StudyRequest) -> None:
         plan, folder, request.how, watch, console.print, retry=request.retry_failed
     )
     _print_failures(console, outcomes, request)
-    _print_summaries(console, outcomes)
+    with console.status("comparing"):
+        found = summaries(outcomes, np.random.default_rng(0))
+    _print_summaries(console, found)
     with console.status("writing the report"):
         page = write_report(folder)
     console.print(f"written: {folder}, look at {page}")
@@ -113,16 +115,14 @@ def _print_failures(console: Console, outcomes: Sequence[Outcome], request: Stud
         trial = each.trial
         console.print(
             f"{each.status.value}: {trial.estimator} on {trial.condition}, seed {trial.seed}: "
-            f"{each.reason}; alone: semgraph study {request.place} --trial {trial.id}",
-            markup=False,
+            f"{each.reason}; alone: semgraph study {request.place} --trial {trial.id}"
         )
     if len(failed) > _MAX_TOLD:
         console.print(f"and {len(failed) - _MAX_TOLD} more, in trials.csv")
 
 
-def _print_summaries(console: Console, outcomes: Sequence[Outcome]) -> None:
+def _print_summaries(console: Console, found: Sequence[Summary]) -> None:
     """Medians with their intervals, a table a condition."""
-    found = summaries(outcomes, np.random.default_rng(0))
     for condition in dict.fromkeys(each.condition for each in found):
         its = {(each.estimator, each.metric): each for each in found if each.condition == condition}
         table = Table(title=condition)

@@ -12,7 +12,7 @@ from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
 from semgraph.geometry import UncertainPose2
-from semgraph.landmarks import Landmark
+from semgraph.landmarks import Landmark, Perceptions
 from semgraph.ordering import InOrder
 from semgraph.perceiving import Perceiver
 from semgraph.pipeline import Moment, moments
@@ -45,6 +45,7 @@ class Drive:
     stamps_ns: list[int] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
+    perceptions: list[Perceptions] = field(default_factory=list)
 
     def estimate(
         self,
@@ -77,6 +78,7 @@ class Drive:
             self._closed_at_ns(),
             np.zeros(0) if nis is None else nis,
             trajectory,
+            tuple(self.perceptions),
         )
 
     def _closed_at_ns(self) -> tuple[int, ...]:
@@ -109,6 +111,8 @@ def drive(source: Source, settings: Settings, step: Callable[[Moment], Step]) ->
             perceiver.moved(moved, 1e-9 * (stamp_ns - said.stamps_ns[-1]))
         said.stamps_ns.append(stamp_ns)
         said.steps.append(now)
+        if recording.detectors:
+            said.perceptions.append(moment.perceptions)
     if not said.steps:
         raise InputError(f"{recording.name}: expected scans or perceptions, there are none")
     return said

@@ -8,7 +8,7 @@ import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.estimates import Trajectory
-from semgraph.landmarks import Landmark
+from semgraph.landmarks import Landmark, Perceptions
 from semgraph.settings import Settings
 from sensors.truth import Source
 
@@ -29,6 +29,8 @@ class Estimate:
             each; empty where the estimator has none.
         online: map_T_base at each moment as it was said at the time; None where nothing was. The
             trajectory itself may be a later and better answer.
+        perceptions: what was found in raw measurements, moment by moment, to tell whether it was
+            associated well; none where perceptions come ready, and nothing is to be found.
     """
 
     trajectory: Trajectory
@@ -39,6 +41,7 @@ class Estimate:
     closed_at_ns: tuple[int, ...] = ()
     nis: FloatArray = field(default_factory=lambda: np.empty(0))
     online: Trajectory | None = None
+    perceptions: tuple[Perceptions, ...] = ()
 
 
 class Estimator(Protocol):

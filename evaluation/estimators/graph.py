@@ -44,6 +44,7 @@ def smoothed(source: Source, settings: Settings, rng: np.random.Generator) -> Es
         np.array(run.drive.seconds),
         _closed_at_ns(run),
         online=run.online,
+        perceptions=tuple(run.drive.perceptions),
     )
 
 
@@ -60,6 +61,7 @@ def refined(source: Source, settings: Settings, rng: np.random.Generator) -> Est
         found.refined.pose_covariances,
         found.refined.landmarks,
         dict(zip(run.drive.stamps_ns, landmark_ids, strict=True)),
+        perceptions=tuple(run.drive.perceptions),
     )
 
 

@@ -1,6 +1,6 @@
 """An estimate judged against the truth: figures, errors over time, and what a page draws."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 import numpy as np
@@ -18,6 +18,7 @@ from evaluation.metrics import (
     squares_of,
     trajectory_metrics,
 )
+from evaluation.oracle import true_rows
 from evaluation.studies.trial import MAX_SAMPLES, Drawing, Series
 from evaluation.trajectory import PathErrors, compare_path
 from semgraph.arrays import FloatArray, IntArray
@@ -45,7 +46,7 @@ def judge_estimate(estimate: Estimate, source: Source) -> tuple[Metric, ...]:
         [
             *metrics_of(said, truth),
             *_of_online(estimate, truth),
-            *_of_associations(estimate, truth, has_detectors=bool(source.recording.detectors)),
+            *_of_associations(estimate, source),
             *squares_of("nis", estimate.nis, 2),
             *_of_closures(estimate, truth),
             *_of_latency(estimate),
@@ -102,14 +103,23 @@ def _of_online(estimate: Estimate, truth: Truth) -> Iterator[Metric]:
         yield from trajectory_metrics(estimate.online, truth.path, "online_")
 
 
-def _of_associations(estimate: Estimate, truth: Truth, *, has_detectors: bool) -> Iterator[Metric]:
-    """Of raw measurements the truth tells what is in sight, not what was perceived."""
-    if truth.associations is None or has_detectors or not _associates(estimate):
+def _of_associations(estimate: Estimate, source: Source) -> Iterator[Metric]:
+    if not _associates(estimate):
         return
-    pairs = compare_associations(estimate.associations, truth.associations)
+    pairs = compare_associations(estimate.associations, _true_associations(estimate, source))
     if pairs is not None:
         yield Metric("association_precision", pairs.precision, "", Direction.HIGHER)
         yield Metric("association_recall", pairs.recall, "", Direction.HIGHER)
+
+
+def _true_associations(estimate: Estimate, source: Source) -> Mapping[int, IntArray]:
+    """By stamp; of raw measurements the truth tells what is in sight, not what was found."""
+    truth = source.truth
+    if not source.recording.detectors:
+        return truth.associations or {}
+    if truth.path is None or truth.path.headings is None or truth.landmarks is None:
+        return {}
+    return true_rows(source, estimate.perceptions)
 
 
 def _of_closures(estimate: Estimate, truth: Truth) -> Iterator[Metric]:

@@ -22,7 +22,7 @@ from semgraph.errors import SemgraphError
 from semgraph.one_thread import ONE_THREAD
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client, Future, LocalCluster
 
 DEFAULT_LIMITS: Final = Limits(3600.0)
 _PATIENCE_S: Final = 10.0
@@ -181,7 +181,7 @@ def _line(trial: Trial, future: "Future") -> bytes:
 def _client(how: Execution, num_trials: int) -> Iterator["Client"]:
     """A connection to the cluster, which is started where none is named."""
     import dask
-    from distributed import Client, LocalCluster
+    from distributed import Client
 
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -194,18 +194,31 @@ def _client(how: Execution, num_trials: int) -> Iterator["Client"]:
             with _connected(how.scheduler, how.tls) as client:
                 yield client
             return
-        with (
-            LocalCluster(
-                n_workers=max(min(how.workers, num_trials), 1),
-                threads_per_worker=1,
-                host="127.0.0.1",
-                scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
-                memory_limit=0,
-                silence_logs=logging.CRITICAL,
-            ) as cluster,
-            Client(cluster) as client,
-        ):
+        with _local_cluster(min(how.workers, num_trials)) as cluster, Client(cluster) as client:
             yield client
+
+
+def _local_cluster(num_workers: int) -> "LocalCluster":
+    """Processes of this machine, behind its loopback.
+
+    Raises:
+        SemgraphError: the system gives no processes, ports or place for their files.
+    """
+    from distributed import LocalCluster
+
+    try:
+        return LocalCluster(
+            n_workers=max(num_workers, 1),
+            threads_per_worker=1,
+            host="127.0.0.1",
+            scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+            memory_limit=0,
+            silence_logs=logging.CRITICAL,
+        )
+    except (OSError, RuntimeError) as error:
+        raise SemgraphError(
+            f"no workers could be started: {_first_line(error)}; `--workers 0` needs none"
+        ) from error
 
 
 @contextmanager

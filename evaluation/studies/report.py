@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 
 from evaluation.studies.comparison import Difference, Summary, differences, summaries
-from evaluation.studies.running import STUDY_TOML, read_run
+from evaluation.studies.running import read_run
+from evaluation.studies.store import STUDY_TOML
 from evaluation.studies.study_file import plan_study, study_text
 from evaluation.studies.trial_tables import write_files
 from evaluation.study_report.contents import Contents

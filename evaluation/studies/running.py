@@ -4,17 +4,14 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, closing
 from pathlib import Path
-from typing import Final
 
 from evaluation.studies.execution import Execution, outcome_lines
-from evaluation.studies.store import TRIALS_JSONL, Store, opened_store, read_outcomes
+from evaluation.studies.store import STUDY_TOML, TRIALS_JSONL, Store, opened_store, read_outcomes
 from evaluation.studies.study_file import Plan, Study, plan_study, read_study, study_text
 from evaluation.studies.trial import Outcome, Status, Trial
 from evaluation.studies.trial_tables import write_files, write_tables
 from semgraph.errors import InputError, SemgraphError
 from semgraph.progress import Report
-
-STUDY_TOML: Final = "study.toml"
 
 Told = Callable[[str], None]
 Watch = Callable[[int], AbstractContextManager[Report]]

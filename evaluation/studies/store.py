@@ -12,6 +12,7 @@ from evaluation.studies.outcome_lines import MAX_LINE_BYTES, parse_outcome
 from evaluation.studies.trial import Outcome, Status
 from semgraph.errors import InputError, SemgraphError
 
+STUDY_TOML: Final = "study.toml"
 TRIALS_JSONL: Final = "trials.jsonl"
 _LOCK: Final = ".lock"
 _MAX_LINES: Final = 1_000_000
@@ -98,11 +99,12 @@ def opened_store(folder: Path) -> Iterator[Store]:
     """The store of a folder that nobody else writes meanwhile.
 
     Raises:
-        InputError: a line of its outcomes is damaged.
+        InputError: it is no study's, or a line of its outcomes is damaged.
         SemgraphError: the folder cannot be written, or another process writes it.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        _check_ours(folder)
         lock = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o644)
     except OSError as error:
         raise SemgraphError(f"{folder}: cannot be written: {error.strerror}") from error
@@ -128,6 +130,15 @@ def read_outcomes(folder: Path) -> tuple[Outcome, ...]:
         raise InputError(f"{folder}: expected the folder of a study, it has no {TRIALS_JSONL}")
     outcomes, _, _ = _read(path)
     return tuple(outcomes.values())
+
+
+def _check_ours(folder: Path) -> None:
+    others = {path.name for path in folder.iterdir()} - {_LOCK}
+    if others and not others & {STUDY_TOML, TRIALS_JSONL}:
+        raise InputError(
+            f"{folder}: expected a new or empty folder or that of a study (with {STUDY_TOML}), it "
+            "holds something else; choose another --output"
+        )
 
 
 def _write_all(file: FileIO, line: bytes) -> None:

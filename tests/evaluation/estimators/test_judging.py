@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from evaluation.estimators.catalog import estimator
 from evaluation.estimators.driving import Drive, Step
 from evaluation.estimators.estimate import Estimate
 from evaluation.estimators.judging import (
@@ -15,6 +16,8 @@ from evaluation.metrics import Direction, judge
 from evaluation.studies.trial import MAX_SAMPLES
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.results import RunResult
+from semgraph.settings import Settings
+from sensors.catalog import open_source
 from sensors.truth import Source, Truth
 from tests.evaluation.course import make_run
 from tests.evaluation.estimators.short_course import estimated, short_course
@@ -57,6 +60,19 @@ def test_what_an_estimator_does_not_do_is_not_judged() -> None:
     assert {"association_precision", "map_recall", "online_trajectory_rmse_m"} <= values["fast"]
     assert not {"latency_p50_ms", "loops_closed", "online_trajectory_rmse_m"} & values["oracle"]
     assert judge_estimate(estimated("fast", 1), replace(source, truth=Truth()))
+
+
+def test_things_found_in_scans_are_told_apart_by_where_they_stand() -> None:
+    options = {"seed": 1, "lap_s": 30.0, "overlap_s": 0.0, "track_radius_m": 8.0, "scan_every": 25}
+    source = open_source("course:paper", options)
+    estimate = estimator("fast")(source, Settings(), np.random.default_rng(0))
+    values = {metric.name: metric.value for metric in judge_estimate(estimate, source)}
+    assert values["association_precision"] > 0.95
+    assert values["association_recall"] > 0.9
+    untold = Source(source.recording, replace(source.truth, landmarks=None))
+    names = {metric.name for metric in judge_estimate(estimate, untold)}
+    assert "association_recall" not in names
+    assert "trajectory_rmse_m" in names
 
 
 def names_of(name: str) -> list[str]:

@@ -190,6 +190,8 @@ def test_a_failed_trial_may_come_again_and_a_finished_one_not(tmp_path: Path) ->
 
 def test_a_folder_that_cannot_be_one_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
+    with pytest.raises(InputError, match="holds something else"), opened_store(tmp_path):
+        pass
     with pytest.raises(SemgraphError, match="cannot be written"), opened_store(tmp_path / "file"):
         pass
     with pytest.raises(InputError, match="expected the folder of a study"):
