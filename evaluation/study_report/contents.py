@@ -123,6 +123,17 @@ class Contents:
         values: FloatArray = np.array(found, dtype=float)
         return np.compress(np.isfinite(values), values)
 
+    def expected(self, condition: str, metric: str) -> float | None:
+        """What an honest estimator has under a condition; NEES has 2 or 3 by what truth there is."""
+        known = (each for each in self.summaries if each.condition == condition and each.n)
+        return next((each.expected for each in known if each.metric == metric), None)
+
+    def nearest_to(self, metric: Metric) -> str:
+        """As `, nearest to 3`; nothing of a metric of which nothing is expected."""
+        found = {self.expected(condition, metric.name) for condition in self.conditions}
+        known = sorted(each for each in found if each is not None)
+        return f", nearest to {' or '.join(f'{each:g}' for each in known)}" if known else ""
+
     def summary(self, condition: str, estimator: str, metric: str) -> Summary | None:
         """None where there is no value."""
         wanted = condition, estimator, metric

@@ -81,7 +81,8 @@ def ecdfs(contents: Contents, condition: str, metric: Metric) -> Markup:
 def nees(contents: Contents, condition: str) -> Markup | None:
     """The mean over the seeds of each estimator's NEES, with the bounds of chance."""
     metric = contents.metrics.get("nees_last")
-    if metric is None or metric.expected is None:
+    expected = contents.expected(condition, "nees_last")
+    if metric is None or expected is None:
         return None
     ranked = contents.ranked(condition, metric)
     found = [
@@ -90,7 +91,7 @@ def nees(contents: Contents, condition: str) -> Markup | None:
     if not found:
         return None
     means = {name: float(values.mean()) for name, values in found}
-    dof = round(metric.expected)
+    dof = round(expected)
     bounds = {name: bounds_of_mean(dof, len(values)) for name, values in found}
     seen = np.concatenate([values for _, values in found]).clip(min=0.1)
     ends = np.array([*seen, *[end for pair in bounds.values() for end in pair]])

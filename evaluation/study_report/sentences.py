@@ -165,8 +165,7 @@ def _others(contents: Contents, metric: Metric) -> Markup:
     leaders = [each for each in leaders if each]
     if not leaders:
         return Markup()
-    expected = f", nearest to {metric.expected:g}" if metric.expected is not None else ""
-    opening = element("strong", capitalised(words_of(metric)) + expected)
+    opening = element("strong", capitalised(words_of(metric)) + contents.nearest_to(metric))
     return element("p", opening, ": ", "; ".join(leaders), ".")
 
 
@@ -181,8 +180,7 @@ def _leads(contents: Contents, metric: Metric) -> Markup:
     num_open = len(judged) - alone.total()
     if num_open:
         words.append(f"under {num_open} nobody is shown to lead")
-    expected = f", nearest to {metric.expected:g}" if metric.expected is not None else ""
-    opening = element("strong", capitalised(words_of(metric)) + expected)
+    opening = element("strong", capitalised(words_of(metric)) + contents.nearest_to(metric))
     told = f", first of {counted(len(judged), 'condition')}: {'; '.join(words)}."
     return element("p", opening, told)
 

@@ -41,10 +41,10 @@ def nees_over_time(contents: Contents, condition: str) -> Markup | None:
     """The mean NEES over the seeds at each time, of all that have covariances."""
     found = [(each, _nees_curve(contents, condition, each.name)) for each in series_of(contents)]
     drawn = [(each, *curve) for each, curve in found if curve is not None]
-    metric = contents.metrics.get("nees_mean")
-    if not drawn or metric is None or metric.expected is None:
+    expected = contents.expected(condition, "nees_mean")
+    if not drawn or expected is None:
         return None
-    dof, num_runs = round(metric.expected), min(n for *_, n in drawn)
+    dof, num_runs = round(expected), min(n for *_, n in drawn)
     low, high = bounds_of_mean(dof, num_runs)
     everything = np.concatenate([*[means for _, _, means, _ in drawn], [low, high]])
     last_s = max(float(times[-1]) for _, times, _, _ in drawn)
