@@ -124,7 +124,7 @@ class Contents:
         return np.compress(np.isfinite(values), values)
 
     def expected(self, condition: str, metric: str) -> float | None:
-        """What an honest estimator has under a condition; NEES has 2 or 3 by what truth there is."""
+        """What an honest estimator has; NEES has 2 or 3 by what truth the condition has."""
         known = (each for each in self.summaries if each.condition == condition and each.n)
         return next((each.expected for each in known if each.metric == metric), None)
 
