@@ -151,6 +151,10 @@ class Contents:
         ranked = self.ranked(condition, metric)
         return tuple(each for each in ranked if each.estimator not in TOLD_MORE)
 
+    def contests(self, metric: Metric) -> tuple[str, ...]:
+        """The conditions under which two or more contend."""
+        return tuple(each for each in self.conditions if len(self.contenders(each, metric)) > 1)
+
     def ranked(self, condition: str, metric: Metric) -> tuple[Summary, ...]:
         """The estimators from best to worst median; without a value they are left out."""
         its = [

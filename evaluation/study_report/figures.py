@@ -145,9 +145,9 @@ def cost_over_accuracy(contents: Contents, condition: str, metric: Metric) -> Ma
 
 
 def across_conditions(contents: Contents, metric: Metric) -> Markup | None:
-    """The median of each estimator under each condition, where there are three or more."""
+    """The median of each estimator under each condition, where three or more have a contest."""
     conditions = contents.conditions
-    if len(conditions) < 3:
+    if len(contents.contests(metric)) < 3:
         return None
     places = np.arange(len(conditions), dtype=float)
     found = []

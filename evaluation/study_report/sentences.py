@@ -36,7 +36,7 @@ def summary(contents: Contents) -> list[Markup]:
     primary = contents.primary
     if primary is None:
         return [*told, element("p", "Nothing was measured: no trial finished with a figure.")]
-    is_short = len(contents.conditions) >= _MANY
+    is_short = len(contents.contests(primary)) >= _MANY
     for condition in contents.conditions:
         told += ranking(contents, condition, primary, is_short=is_short)
     told.append(_power(contents, primary))
@@ -53,17 +53,20 @@ def ranking(
     if not ranked:
         return [element("p", f"{condition}: no estimator has a {words_of(metric)}.")]
     best, rest = ranked[0], ranked[1:]
-    where = element("strong", condition)
-    opening = joined(
-        [where, ": ", code(best.estimator), f" has the {_superlative(metric)} median ",
-         f"{words_of(metric)}, {with_interval(best)}."]
-    )  # fmt: skip
+    where, name = element("strong", condition), words_of(metric)
     more = _told_more(contents, condition, metric)
     if not rest:
-        return [element("p", opening), more]
+        words = f": in the median {name} {with_interval(best)} of "
+        return [element("p", where, words, code(best.estimator), "."), more]
+    opening = [
+        where,
+        ": ",
+        code(best.estimator),
+        f" has the {_superlative(metric)} median {name}, ",
+    ]
     lines = [_against(contents, best, each) for each in rest]
     return [
-        element("p", opening, " ", _in_short(contents, best, rest)),
+        element("p", *opening, with_interval(best), ". ", _in_short(contents, best, rest)),
         element("details", element("summary", "By how much"), element("ul", *lines), more)
         if is_short
         else joined([element("ul", *lines), more]),
@@ -171,7 +174,7 @@ def _others(contents: Contents, metric: Metric) -> Markup:
 
 def _leads(contents: Contents, metric: Metric) -> Markup:
     """Under how many conditions each is shown to lead."""
-    judged = [each for each in contents.conditions if len(contents.contenders(each, metric)) > 1]
+    judged = contents.contests(metric)
     if not judged:
         return Markup()
     leaders = [alike(contents, condition, metric) for condition in judged]
