@@ -180,8 +180,11 @@ def map_chart(points: FloatArray) -> Chart:
 
 
 def _shortened(name: str) -> str:
-    """The end of what is too long: conditions differ there."""
-    return name if len(name) <= _MOST_LETTERS else f"…{name[1 - _MOST_LETTERS :].lstrip(', ')}"
+    """The last words of what is too long: conditions differ there."""
+    if len(name) <= _MOST_LETTERS:
+        return name
+    end = name[1 - _MOST_LETTERS :]
+    return f"…{end.partition(' ')[2] or end}"
 
 
 def _begins(known: BoolArray) -> BoolArray:

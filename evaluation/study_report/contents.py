@@ -123,6 +123,17 @@ class Contents:
         values: FloatArray = np.array(found, dtype=float)
         return np.compress(np.isfinite(values), values)
 
+    def expected(self, condition: str, metric: str) -> float | None:
+        """What an honest estimator has; NEES has 2 or 3 by what truth the condition has."""
+        known = (each for each in self.summaries if each.condition == condition and each.n)
+        return next((each.expected for each in known if each.metric == metric), None)
+
+    def nearest_to(self, metric: Metric) -> str:
+        """As `, nearest to 3`; nothing of a metric of which nothing is expected."""
+        found = {self.expected(condition, metric.name) for condition in self.conditions}
+        known = sorted(each for each in found if each is not None)
+        return f", nearest to {' or '.join(f'{each:g}' for each in known)}" if known else ""
+
     def summary(self, condition: str, estimator: str, metric: str) -> Summary | None:
         """None where there is no value."""
         wanted = condition, estimator, metric
@@ -139,6 +150,10 @@ class Contents:
         """The ranked ones that are told nothing but the measurements."""
         ranked = self.ranked(condition, metric)
         return tuple(each for each in ranked if each.estimator not in TOLD_MORE)
+
+    def contests(self, metric: Metric) -> tuple[str, ...]:
+        """The conditions under which two or more contend."""
+        return tuple(each for each in self.conditions if len(self.contenders(each, metric)) > 1)
 
     def ranked(self, condition: str, metric: Metric) -> tuple[Summary, ...]:
         """The estimators from best to worst median; without a value they are left out."""

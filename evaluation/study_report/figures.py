@@ -1,55 +1,19 @@
-"""The charts over all seeds: intervals, box plots, ECDFs, errors over time, NEES, cost."""
+"""The charts over all seeds: intervals, box plots, ECDFs, NEES, cost over accuracy."""
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from evaluation.consistency import bounds_of_mean
 from evaluation.metrics import Direction, Metric
-from evaluation.studies.trial import Outcome
 from evaluation.study_report.chart import Chart, rows_chart
 from evaluation.study_report.contents import CPU, Contents, capitalised, label_of, words_of
-from evaluation.study_report.markup import Markup, element
+from evaluation.study_report.legends import figure, legend, series_of
+from evaluation.study_report.markup import Markup
 from evaluation.study_report.scales import Scale, figure_text, scale_of
 from semgraph.arrays import FloatArray
 
-_NUM_TIMES: Final = 80
-_SPREAD: Final = (0.1, 0.5, 0.9)
-
-
-@dataclass(frozen=True, slots=True)
-class Series:
-    """An estimator's colour and dash, the same in the whole report."""
-
-    name: str
-    class_: str
-
-
-def series_of(contents: Contents) -> tuple[Series, ...]:
-    """A line for each estimator: lines that lie on each other differ in colour and in dash."""
-    return tuple(
-        Series(name, f"c{number % 5} d{number % 3}")
-        for number, name in enumerate(contents.estimators)
-    )
-
-
-def figure(svg: Markup, caption: str, legend: Markup | None = None) -> Markup:
-    """A chart with its caption, and its legend between."""
-    return element("figure", svg, legend or Markup(), element("figcaption", caption))
-
-
-def legend(lines: tuple[Series, ...]) -> Markup:
-    """Which line is whose."""
-    return element(
-        "ul", *[element("li", swatch(each.class_), each.name) for each in lines], class_="legend"
-    )
-
-
-def swatch(class_: str) -> Markup:
-    """A short piece of a line."""
-    line = element("path", class_=f"line {class_}", d="M1 5h24")
-    return element("svg", line, viewBox="0 0 26 10", width=26, height=10, aria_hidden="true")
+_QUARTILES: Final = (0.25, 0.5, 0.75)
 
 
 def medians(contents: Contents, condition: str, metric: Metric) -> Markup:
@@ -114,31 +78,11 @@ def ecdfs(contents: Contents, condition: str, metric: Metric) -> Markup:
     )
 
 
-def errors_over_time(contents: Contents, condition: str) -> Markup | None:
-    """The median over the seeds of the position's error at each time."""
-    found = [(each, _over_time(contents, condition, each.name)) for each in series_of(contents)]
-    drawn = [(each, *curve) for each, curve in found if curve is not None]
-    if not drawn:
-        return None
-    everything = np.concatenate([medians for _, _, medians in drawn])
-    last_s = max(float(times[-1]) for _, times, _ in drawn)
-    y = scale_of(everything, "position error (m)", logarithmic=True)
-    chart = Chart(Scale(0.0, last_s, "time since the start (s)"), y)
-    for each, times, over_seeds in drawn:
-        chart.line(times, over_seeds, each.class_)
-    ends = ", ".join(f"{each.name} {figure_text(float(ys[-1]))} m" for each, _, ys in drawn)
-    title = f"Error over time, {condition}"
-    return figure(
-        chart.svg(title, f"At the end: {ends}."),
-        f"{title}: median over the seeds of the position's error after rigid alignment.",
-        legend(tuple(each for each, *_ in drawn)),
-    )
-
-
 def nees(contents: Contents, condition: str) -> Markup | None:
     """The mean over the seeds of each estimator's NEES, with the bounds of chance."""
     metric = contents.metrics.get("nees_last")
-    if metric is None or metric.expected is None:
+    expected = contents.expected(condition, "nees_last")
+    if metric is None or expected is None:
         return None
     ranked = contents.ranked(condition, metric)
     found = [
@@ -147,7 +91,7 @@ def nees(contents: Contents, condition: str) -> Markup | None:
     if not found:
         return None
     means = {name: float(values.mean()) for name, values in found}
-    dof = round(metric.expected)
+    dof = round(expected)
     bounds = {name: bounds_of_mean(dof, len(values)) for name, values in found}
     seen = np.concatenate([values for _, values in found]).clip(min=0.1)
     ends = np.array([*seen, *[end for pair in bounds.values() for end in pair]])
@@ -166,33 +110,6 @@ def nees(contents: Contents, condition: str) -> Markup | None:
         f"covariances have {dof} and stay within the shaded 95 % bounds; further right an "
         "estimator is too sure of itself. Poses along one run are not independent, the last ones "
         "of several runs are.",
-    )
-
-
-def nees_over_time(contents: Contents, condition: str) -> Markup | None:
-    """The mean NEES over the seeds at each time, of all that have covariances."""
-    found = [(each, _nees_curve(contents, condition, each.name)) for each in series_of(contents)]
-    drawn = [(each, *curve) for each, curve in found if curve is not None]
-    metric = contents.metrics.get("nees_mean")
-    if not drawn or metric is None or metric.expected is None:
-        return None
-    dof, num_runs = round(metric.expected), min(n for *_, n in drawn)
-    low, high = bounds_of_mean(dof, num_runs)
-    everything = np.concatenate([*[means for _, _, means, _ in drawn], [low, high]])
-    last_s = max(float(times[-1]) for _, times, _, _ in drawn)
-    y = scale_of(everything, "NEES of the pose", logarithmic=True)
-    chart = Chart(Scale(0.0, last_s, "time since the start (s)"), y)
-    ends = np.array([0.0, last_s])
-    chart.band(ends, np.full(2, low), np.full(2, high), "allowed")
-    for each, times, means, _ in drawn:
-        chart.line(times, means, each.class_)
-    told = ", ".join(f"{each.name} {figure_text(float(ys[-1]))}" for each, _, ys, _ in drawn)
-    title = f"NEES over time, {condition}"
-    return figure(
-        chart.svg(title, f"At the end: {told}. Bounds {low:.2f} to {high:.2f}."),
-        f"{title}: mean over the seeds at each time; shaded, where 95 % of such means of "
-        f"{num_runs} honest runs lie.",
-        legend(tuple(each for each, *_ in drawn)),
     )
 
 
@@ -228,9 +145,9 @@ def cost_over_accuracy(contents: Contents, condition: str, metric: Metric) -> Ma
 
 
 def across_conditions(contents: Contents, metric: Metric) -> Markup | None:
-    """The median of each estimator under each condition, where there are three or more."""
+    """The median of each estimator under each condition, where three or more have a contest."""
     conditions = contents.conditions
-    if len(conditions) < 3:
+    if len(contents.contests(metric)) < 3:
         return None
     places = np.arange(len(conditions), dtype=float)
     found = []
@@ -255,9 +172,6 @@ def across_conditions(contents: Contents, metric: Metric) -> Markup | None:
     )
 
 
-_QUARTILES: Final = (0.25, 0.5, 0.75)
-
-
 def _scale(metric: Metric, values: FloatArray) -> Scale:
     """By powers of ten where all is above zero and spreads over more than a factor of five."""
     kept = values[np.isfinite(values)]
@@ -277,51 +191,3 @@ def _draw_box(chart: Chart, row: float, values: FloatArray) -> None:
     outside = values[(values < low - reach) | (values > high + reach)]
     if len(outside):
         chart.dots(outside, np.full(len(outside), row), "c0", 1.6)
-
-
-def _over_time(
-    contents: Contents, condition: str, estimator: str
-) -> tuple[FloatArray, FloatArray] | None:
-    its = [each for each in contents.finished(condition, estimator) if each.series is not None]
-    if not its:
-        return None
-    times, values = on_one_clock(its, "position_errors_m")
-    with np.errstate(all="ignore"):
-        return times, _median_of_known(values)
-
-
-def _nees_curve(
-    contents: Contents, condition: str, estimator: str
-) -> tuple[FloatArray, FloatArray, int] | None:
-    its = [
-        each
-        for each in contents.finished(condition, estimator)
-        if each.series is not None and np.isfinite(each.series.nees).any()
-    ]
-    if not its:
-        return None
-    times, values = on_one_clock(its, "nees")
-    known = np.isfinite(values)
-    counts = known.sum(axis=0)
-    sums = np.where(known, values, 0.0).sum(axis=0)
-    return times, np.where(counts > 0, sums / np.maximum(counts, 1), np.nan), len(its)
-
-
-def on_one_clock(outcomes: list[Outcome], name: str) -> tuple[FloatArray, FloatArray]:
-    """Times (m,) and values (n, m) of all series, each value that of the sample at or after."""
-    series = [each.series for each in outcomes if each.series is not None]
-    last_s = max((float(one.times_s[-1]) for one in series if len(one.times_s)), default=0.0)
-    times = np.linspace(0.0, last_s, _NUM_TIMES)
-    values = np.full((len(series), _NUM_TIMES), np.nan)
-    for row, one in enumerate(series):
-        at = np.searchsorted(one.times_s, times)
-        inside = at < len(one.times_s)
-        values[row, inside] = getattr(one, name)[at[inside]]
-    return times, values
-
-
-def _median_of_known(values: FloatArray) -> FloatArray:
-    known = np.isfinite(values).any(axis=0)
-    found = np.full(values.shape[1], np.nan)
-    found[known] = np.nanmedian(values[:, known], axis=0)
-    return found

@@ -6,7 +6,7 @@ from importlib.resources import files
 from typing import Final
 
 from evaluation.metrics import Direction
-from evaluation.study_report import figures, tables
+from evaluation.study_report import figures, tables, time_figures
 from evaluation.study_report.contents import Contents
 from evaluation.study_report.markup import Markup, element, joined
 from evaluation.study_report.paper_figures import paper_figures
@@ -154,11 +154,11 @@ def _charts(contents: Contents, condition: str) -> list[Markup | None]:
     ]
     is_first = condition == contents.conditions[0]
     return [
-        figures.errors_over_time(contents, condition),
+        time_figures.errors_over_time(contents, condition),
         figures.boxes(contents, condition, primary),
         figures.ecdfs(contents, condition, primary),
         figures.nees(contents, condition),
-        figures.nees_over_time(contents, condition),
+        time_figures.nees_over_time(contents, condition),
         *([] if is_first else _leading(contents, condition)),
         *[figures.boxes(contents, condition, each) for each in others],
     ]

@@ -7,7 +7,7 @@ import numpy as np
 from evaluation.studies.trial import Outcome
 from evaluation.study_report.chart import Chart, map_chart
 from evaluation.study_report.contents import PATH_ERROR, Contents
-from evaluation.study_report.figures import Series, figure, legend
+from evaluation.study_report.legends import Series, figure, legend
 from evaluation.study_report.markup import Markup
 from evaluation.study_report.scales import Scale, figure_text, scale_of
 from semgraph.arrays import FloatArray

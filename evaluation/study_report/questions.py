@@ -6,11 +6,13 @@ import numpy as np
 
 from evaluation.metrics import Metric
 from evaluation.studies.comparison import ORACLE
+from evaluation.study_report.closing import against_forgetting
 from evaluation.study_report.contents import PATH_ERROR, Contents, words_of
 from evaluation.study_report.markup import Markup, element, escaped, joined
+from evaluation.study_report.paired import compared
 from evaluation.study_report.paper_figures import FAST
 from evaluation.study_report.scales import figure_text
-from evaluation.study_report.sentences import compared, span
+from evaluation.study_report.wording import span
 from semgraph.arrays import FloatArray
 
 _SMOOTHED, _REFINED = "smoothed", "refined"
@@ -79,7 +81,7 @@ def _closure(contents: Contents, condition: str) -> list[Markup]:
                 f"of the seeds it ends below half of the largest."
                 + _returns(contents, condition, estimator)
             )
-    return [escaped(each) for each in told]
+    return [*against_forgetting(contents, condition, FAST), *[escaped(each) for each in told]]
 
 
 def _returns(contents: Contents, condition: str, estimator: str) -> str:

@@ -9,8 +9,9 @@ from evaluation.studies.comparison import Summary, winner
 from evaluation.studies.trial import Outcome, Status
 from evaluation.study_report.contents import Contents, label_of, words_of
 from evaluation.study_report.markup import Markup, element, joined
+from evaluation.study_report.paired import alike
 from evaluation.study_report.scales import MINUS, UNKNOWN, figure_text, figure_texts
-from evaluation.study_report.sentences import alike, p_text
+from evaluation.study_report.wording import p_text
 
 _ARROWS: Final = {Direction.LOWER: " ↓", Direction.HIGHER: " ↑"}
 
@@ -45,7 +46,11 @@ def headline_table(contents: Contents, condition: str) -> Markup:
         found = contents.summary(condition, estimator, metrics[0].name)
         cells.append(_ratio_cell(found))
         rows.append(cells)
-    columns = ["estimator", *[_heading(each) for each in metrics], "first column / oracle's"]
+    columns = [
+        "estimator",
+        *[_heading(contents, condition, each) for each in metrics],
+        "first column / oracle's",
+    ]
     return table(
         f"{condition}: medians over the seeds, 95 % intervals below; ↓ lower is better, ↑ higher. "
         "Bold: the best that is told nothing but the measurements, and those from which no "
@@ -64,7 +69,12 @@ def all_metrics_table(contents: Contents, condition: str) -> Markup:
             for each in contents.estimators_of(condition)
         ]
         if any(each is not None for each in found):
-            rows.append([_heading(metric), *[_median_cell(each, None) for each in found]])
+            rows.append(
+                [
+                    _heading(contents, condition, metric),
+                    *[_median_cell(each, None) for each in found],
+                ]
+            )
     columns = ["metric", *contents.estimators_of(condition)]
     return table(f"{condition}: every metric, medians and 95 % intervals", columns, rows)
 
@@ -154,9 +164,10 @@ def _value(median: float, low: float, high: float) -> Markup:
     return joined([shown, element("small", " to ".join(ends))])
 
 
-def _heading(metric: Metric) -> str:
-    expected = f", expected {metric.expected:g}" if metric.expected is not None else ""
-    return label_of(metric) + expected + _ARROWS.get(metric.better, "")
+def _heading(contents: Contents, condition: str, metric: Metric) -> str:
+    expected = contents.expected(condition, metric.name)
+    told = f", expected {expected:g}" if expected is not None else ""
+    return label_of(metric) + told + _ARROWS.get(metric.better, "")
 
 
 def _cell(content: str) -> Markup:

@@ -44,8 +44,10 @@ class Tab:
 
     def open(self, url: str) -> None:
         """Goes to an address and waits until the page is loaded."""
+        seen = len(self.events)
         self.call("Page.navigate", url=url)
-        self._wait(lambda event: event["method"] == "Page.loadEventFired")
+        while not any(event["method"] == "Page.loadEventFired" for event in self.events[seen:]):
+            self.events.append(self._read())
 
     def value(self, expression: str) -> Any:
         """What a script's expression is; promises are waited for."""
@@ -92,12 +94,6 @@ class Tab:
                 assert "error" not in told, told
                 return dict(told["result"])
             self.events.append(told)
-
-    def _wait(self, wanted: Any) -> None:
-        seen = 0
-        while not any(wanted(event) for event in self.events[seen:]):
-            seen = len(self.events)
-            self.events.append(self._read())
 
     def _read(self) -> dict[str, Any]:
         while b"\0" not in self._rest:

@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from evaluation.metrics import Metric
 from evaluation.studies.trial import Outcome
 from evaluation.study_report.page import page
 from tests.evaluation.study_report import made
@@ -149,6 +150,26 @@ def test_values_that_are_not_finite_are_left_out() -> None:
     broken = tuple(replace(each, value=np.inf) for each in first.metrics)
     text = page(made.contents((replace(first, metrics=broken), *outcomes[1:])))
     assert "no value" in text
+
+
+def test_degrees_of_freedom_are_each_conditions_own() -> None:
+    outcomes = made.outcomes(6, ("with headings", "without"))
+    without = tuple(
+        replace(each, metrics=tuple(_with_two_degrees(one) for one in each.metrics))
+        for each in outcomes
+        if each.trial.condition == "without"
+    )
+    text = page(made.contents((*outcomes[: len(without)], *without)))
+    words = _Elements(text).words
+    assert "nearest to 2 or 3" in words
+    assert "NEES of the poses, expected 2" in words
+    assert "NEES of the poses, expected 3" in words
+    assert "Mean NEES, 2 is honest" in text
+    assert "Mean NEES, 3 is honest" in text
+
+
+def _with_two_degrees(metric: Metric) -> Metric:
+    return metric if metric.expected is None else replace(metric, expected=2.0)
 
 
 def _renamed(outcome: Outcome) -> Outcome:

@@ -8,7 +8,8 @@ import pytest
 
 from evaluation.metrics import Direction, Metric
 from evaluation.studies.trial import Outcome, Status, Trial
-from evaluation.study_report.sentences import compared, summary
+from evaluation.study_report.paired import compared
+from evaluation.study_report.sentences import summary
 from tests.evaluation.study_report import made
 
 _ATE = Metric("trajectory_rmse_m", 0.0, "m", Direction.LOWER)
