@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from semgraph.errors import InputError
+from sensors.catalog import open_source
 from sensors.mrclam import MrclamOptions, read
 from tests.sensors.sources import odometry_of, opened, perceptions_of, write_text
 
@@ -80,6 +81,31 @@ def test_of_odometry_at_one_time_the_last_counts(by_hand: Path) -> None:
     samples = odometry_of(read(by_hand, MrclamOptions()).recording)
     assert [m.stamp_ns for m in samples] == [10_000_000_000, 10_500_000_000, 12_000_000_000]
     assert [m.odom_T_base.x for m in samples] == [0.0, 1.0, 4.0]
+
+
+def test_wheels_may_turn_later_than_they_are_told(by_hand: Path) -> None:
+    samples = odometry_of(read(by_hand, MrclamOptions(wheels_late_s=0.25)).recording)
+    assert [m.stamp_ns for m in samples] == [10_250_000_000, 10_500_000_000, 12_250_000_000]
+    assert [m.odom_T_base.x for m in samples] == [0.0, 0.5, 4.0]
+
+
+@pytest.mark.shared_data
+def test_turns_follow_the_wheels_in_vicon_a_fifth_of_a_second_later(shared_data: Path) -> None:
+    """Taken so late, the wheels turn when Vicon sees it; at once or twice as late they do not."""
+
+    def agreement(late_s: float) -> float:
+        source = open_source(str(shared_data / "mrclam6"), {"wheels_late_s": late_s})
+        samples, path = odometry_of(source.recording), source.truth.path
+        assert path is not None
+        assert path.headings is not None
+        stamps_ns = np.arange(path.stamps_ns[100], path.stamps_ns[-100], 50_000_000)
+        wheels = np.unwrap([m.odom_T_base.theta for m in samples])
+        told = np.interp(stamps_ns, [m.stamp_ns for m in samples], wheels)
+        seen = np.interp(stamps_ns, path.stamps_ns, np.unwrap(path.headings))
+        return float(np.corrcoef(np.diff(told), np.diff(seen))[0, 1])
+
+    assert agreement(0.2) > agreement(0.0) + 0.05
+    assert agreement(0.2) > agreement(0.4) + 0.05
 
 
 def test_gzipped_files_are_read_as_plain_ones(by_hand: Path) -> None:
