@@ -33,6 +33,8 @@ _WORDS: Final = {
     "trajectory_rmse": "path error (ATE RMSE)",
     "heading_rmse": "heading error (RMSE)",
     "map_rmse": "landmark error (RMSE)",
+    "landmarks_duplicate": "landmarks mapped twice",
+    "trajectory_max_origin": "drift from the start, largest",
     "map_recall": "share of the landmarks found",
     "nees_mean": "NEES of the poses",
     "nees_last": "NEES of the last pose",

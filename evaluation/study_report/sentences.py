@@ -56,8 +56,8 @@ def ranking(
     where, name = element("strong", condition), words_of(metric)
     more = _told_more(contents, condition, metric)
     if not rest:
-        words = f": in the median {name} {with_interval(best)} of "
-        return [element("p", where, words, code(best.estimator), "."), more]
+        words = f" has a median {name} of {with_interval(best)}."
+        return [element("p", where, ": ", code(best.estimator), words), more]
     opening = [
         where,
         ": ",
