@@ -226,23 +226,31 @@ def _densities(mapped: MappedConstellation, seen: Constellation) -> FloatArray:
     return densities
 
 
-def _view(positions: FloatArray) -> tuple[Delaunay, BoolArray] | None:
-    """The surely seen area: triangles between neighbours; None where all stand in line."""
+def _view(positions: FloatArray) -> FloatArray:
+    """(t, 3, 3) the surely seen area: triangles between neighbours; none where all stand in line.
+
+    Each has a row for each corner: the coordinate of that corner that a point (x, y, 1) has.
+    """
+    nothing = np.zeros((0, 3, 3))
     if len(positions) < 3:
-        return None
+        return nothing
     try:
-        mesh = Delaunay(positions)
+        corners = Delaunay(positions).simplices
     except QhullError:
-        return None
-    a, b, c = positions[mesh.simplices].transpose(1, 0, 2) @ (1.0, 1.0j)
+        return nothing
+    a, b, c = positions[corners].transpose(1, 0, 2) @ (1.0, 1.0j)
     areas = 0.5 * np.abs(np.imag(np.conj(b - a) * (c - a)))
     radii_m = np.abs(b - a) * np.abs(c - b) * np.abs(a - c) / np.maximum(4.0 * areas, 1e-12)
-    return mesh, radii_m <= 2.0 * np.median(radii_m)
+    is_seen = (radii_m <= 2.0 * np.median(radii_m)) & (areas > 0.0)
+    columns = np.stack([positions[corners[is_seen]][:, :, axis] for axis in (0, 1)], axis=1)
+    return np.linalg.inv(np.concatenate([columns, np.ones_like(columns[:, :1])], axis=1))
 
 
-def _is_inside(view: tuple[Delaunay, BoolArray] | None, points: FloatArray) -> BoolArray:
-    if view is None or len(points) == 0:
-        return np.zeros(len(points), dtype=np.bool_)
-    mesh, is_seen = view
-    triangles = mesh.find_simplex(points)
-    return np.asarray((triangles >= 0) & is_seen[triangles])
+def _is_inside(view: FloatArray, points: FloatArray) -> BoolArray:
+    """(n,) whether a point lies in a triangle of the view.
+
+    A triangulation can tell too, but the first answer takes as long as all else about a placement:
+    it solves a system for each triangle, one by one.
+    """
+    by_corners = view @ np.vstack([points.T, np.ones(len(points))])
+    return np.asarray((by_corners >= 0.0).all(axis=1).any(axis=0))

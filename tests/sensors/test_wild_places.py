@@ -46,6 +46,15 @@ def test_far_trees_are_left_out_and_their_frame_stays(by_hand: Path) -> None:
     assert np.isnan(far[1].diameters_m[0])
 
 
+def test_thick_and_badly_fitted_trunks_weigh_less(by_hand: Path) -> None:
+    trees = "frame,x,y,z,dbh,score\n0,9,0,0,0.3,1\n0,9,0,0,0.8,1\n0,9,0,0,0.3,0.25\n0,9,0,0,,1\n"
+    write_text(by_hand, "trees.csv", trees)
+    first, _ = perceptions_of(read(by_hand, WildPlacesOptions()).recording)
+    thin, thick, bad, unknown = np.sqrt(first.covariances[:, 0, 0])
+    assert thin < unknown < thick
+    assert bad == pytest.approx(2.0 * thin)
+
+
 @pytest.mark.shared_data
 def test_levelled_frames_agree_with_each_other(shared_data: Path) -> None:
     """With the yaw alone they would differ by 20 to 37 cm."""
