@@ -1,40 +1,42 @@
-"""The pose and landmark graph on iSAM2. Only this, `batch_graph.py` and `factors.py` know gtsam.
+"""The pose and landmark graph: what is added to it, made one, split and solved.
 
-The graph keeps a log of its own of every factor. iSAM2 is built from the log again when an update
-fails, since a failed update leaves it unusable. After an update only what is asked for is read:
-reading everything would cost more than the update, the longer the run the more.
+The graph keeps a log of its own of all that was added. iSAM2 is built from the log again when an
+update fails, since a failed update leaves it unusable. After an update only what is asked for is
+read: reading everything would cost more than the update, the longer the run the more. Poses that
+lie back are condensed, window by window, until the batch at the end.
 """
 
-from collections.abc import Sequence, Set
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Callable, Sequence, Set
+from dataclasses import dataclass, field
+from typing import Final, TypeVar
 
-import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import L, X
-from scipy.sparse import csr_matrix
 
 from semgraph.arrays import FloatArray, IntArray, frozen_floats
+from semgraph.condensation import Condensed, follow
+from semgraph.covariances import Covariances
 from semgraph.errors import GraphError
 from semgraph.factors import (
     ROBUST_CHI2,
-    Odometry,
     Sighting,
     check_definite,
     check_sighting,
-    odometry_factor,
+    condensed_factor,
+    landmark_key,
+    motion_factor,
+    pose_key,
     prior_factor,
     sighting_factor,
-    to_gtsam,
 )
-from semgraph.geometry import Pose2, UncertainPose2, rotation
-from semgraph.information import Information
+from semgraph.geometry import Pose2, UncertainPose2, rotation, wrap_angle
+from semgraph.graph_log import GraphLog
+from semgraph.growing import Growing
+from semgraph.incremental import Incremental, NoCovarianceError, Slots, UpdateError
 from semgraph.measurement_model import innovations, mahalanobis2, predict
 from semgraph.point_grid import PointGrid
+from semgraph.windows import NONE, Window, Windows
 
-# Entries of the Bayes tree a column, from which on a graph is dense.
-_DENSE: Final = 200
-_AT_ONCE: Final = 40
+Answer = TypeVar("Answer")
 # Cells of the places of landmarks; about as far as things are seen.
 _CELL_M: Final = 10.0
 _LEAST_SIGMA_M: Final = 1e-3
@@ -62,48 +64,48 @@ class Checkpoint:
     """All variables at one moment, and what they cost."""
 
     cost: float
-    values: gtsam.Values
+    estimate: GraphEstimate
 
 
 class FactorGraph:
     """Poses 0, 1, 2, ... joined by odometry, and the landmarks they sighted.
 
+    Args:
+        map_T_start: of pose 0.
+        window_poses: so many poses are condensed into one factor once as many have followed;
+            0 for none. It must not be less than come between two updates.
+
     Raises:
         GraphError: the start has no positive definite covariance.
     """
 
-    def __init__(self, map_T_start: UncertainPose2) -> None:
+    def __init__(self, map_T_start: UncertainPose2, window_poses: int = 0) -> None:
         check_definite("start", map_T_start.covariance)
-        self._start = map_T_start
-        self._odometry: list[Odometry] = []
-        self._sightings: dict[int, list[Sighting]] = {}
-        self._new_factors = gtsam.NonlinearFactorGraph()
-        self._new_sightings: list[tuple[int, Sighting]] = []
-        self._new_values = gtsam.Values()
-        self._removed_slots: list[int] = []
-        self._firm: list[Sighting] = []
-        self._pose_guesses = [map_T_start.pose]
-        self._landmark_guesses: dict[int, FloatArray] = {}
-        self._factorization = "CHOLESKY"
-        self._isam = _new_isam(self._factorization)
-        self._estimate = gtsam.Values()
-        self._is_current = False
+        self._log = GraphLog(map_T_start)
+        self._windows = Windows(self._log, window_poses)
+        self._isam = Incremental()
+        self._slots = _AllSlots()
+        self._firm: list[int] = []
+        # Of each variable the last that was read; of what was not read as yet, its first guess.
+        self._poses, self._landmarks = Growing((3,)), dict[int, FloatArray]()
         self._places = PointGrid(_CELL_M)
-        self._factored: Information | None = None
-        self._columns: dict[int, IntArray] = {}
+        self._is_current = False
+        self._last_updated = -1
         self._incidents: list[str] = []
-        self._new_factors.add(prior_factor(map_T_start))
-        self._new_values.insert(X(0), to_gtsam(map_T_start.pose))
+        self._covariances = self._new_covariances()
+        self._poses.append(map_T_start.pose.as_array())
+        self._isam.add(prior_factor(map_T_start), self._slots.prior, 0)
+        self._isam.insert_pose(0, map_T_start.pose)
 
     @property
     def num_poses(self) -> int:
         """How many poses there are, the start included."""
-        return len(self._pose_guesses)
+        return self._log.num_poses
 
     @property
     def is_updated(self) -> bool:
         """Whether nothing waits for an update."""
-        return self._new_factors.size() == 0 and not self._removed_slots
+        return self._isam.is_updated and not self._windows.changed
 
     @property
     def incidents(self) -> Sequence[str]:
@@ -112,11 +114,15 @@ class FactorGraph:
 
     def landmarks(self) -> tuple[int, ...]:
         """The landmarks in the graph."""
-        return tuple(self._sightings)
+        return self._log.names()
 
     def sightings(self, landmark: int) -> Sequence[Sighting]:
-        """All sightings of a landmark, in the order they were added."""
-        return tuple(self._sightings[landmark])
+        """All sightings of a landmark."""
+        return tuple(map(self._log.sighting, self._log.rows(landmark).tolist()))
+
+    def num_sightings(self, landmark: int) -> int:
+        """How many there are of a landmark."""
+        return len(self._log.rows(landmark))
 
     def add_pose(self, motion: UncertainPose2, guess: Pose2) -> int:
         """The index of a new pose, reached from the last one by `motion`; it starts at `guess`.
@@ -125,12 +131,10 @@ class FactorGraph:
             GraphError: the motion has no positive definite covariance.
         """
         check_definite("motion", motion.covariance)
-        index = len(self._pose_guesses)
-        odometry = Odometry(index - 1, index, motion)
-        self._odometry.append(odometry)
-        self._pose_guesses.append(guess)
-        self._new_factors.add(odometry_factor(odometry))
-        self._new_values.insert(X(index), to_gtsam(guess))
+        index = self._log.add_motion(motion)
+        self._poses.append(guess.as_array())
+        self._isam.insert_pose(index, guess)
+        self._add_motion(index)
         return index
 
     def add_landmark(self, landmark: int, guess: FloatArray) -> None:
@@ -140,21 +144,20 @@ class FactorGraph:
             GraphError: it exists already.
             InputError: the guess is no finite point.
         """
-        if landmark in self._sightings:
+        if landmark in self._log:
             raise GraphError(f"landmark {landmark} is in the graph already")
         guess = frozen_floats(f"guess of landmark {landmark}", guess, (2,))
-        self._sightings[landmark] = []
-        self._landmark_guesses[landmark] = guess
-        self._places.put(landmark, guess)
-        self._new_values.insert(j=L(landmark), point2=guess)
+        self._log.add_landmark(landmark)
+        self._move(landmark, guess)
+        self._isam.insert_landmark(landmark, guess)
 
     def add_sighting(self, sighting: Sighting) -> None:
         """One more sighting of a landmark that is in the graph.
 
         Raises:
-            GraphError: no such pose or landmark, NaN, a range of zero or below, or a covariance
-                that is not positive definite. GTSAM would take them in silence, and the log could
-                never be solved again.
+            GraphError: no such pose or landmark, or the pose is condensed; NaN, a range of zero or
+                below, or a covariance that is not positive definite. GTSAM would take them in
+                silence, and the log could never be solved again.
             InputError: the covariance is no finite symmetric (2, 2).
         """
         self._check_known(sighting.landmark)
@@ -163,9 +166,10 @@ class FactorGraph:
                 f"sighting of landmark {sighting.landmark}: expected a pose below "
                 f"{self.num_poses}, got {sighting.pose}"
             )
+        if self._windows.of_motion(sighting.pose) != NONE:
+            raise GraphError(f"sighting from pose {sighting.pose}: that is condensed already")
         check_sighting(sighting)
-        self._sightings[sighting.landmark].append(sighting)
-        self._queue(sighting)
+        self._add_sighting(self._log.add_sighting(sighting))
 
     def merge(self, gone: int, kept: int) -> None:
         """Makes two landmarks one with the next update: sightings of `gone` become `kept`'s.
@@ -182,59 +186,17 @@ class FactorGraph:
         if gone == kept:
             raise GraphError(f"landmark {gone}: expected another one to merge it with")
         self._check_updated(gone)
+        rows = self._log.rows(gone)
         if self.are_far_apart(gone, kept):
-            self._firm += self._sightings[gone]
-        self._hand_over(self._sightings[gone], kept)
+            self._firm += self._live(rows)
+        self._hand_over(rows, kept)
+        self._windows.hand_over(gone, kept)
         self._forget(gone)
 
     def are_far_apart(self, gone: int, kept: int) -> bool:
         """Whether the kernel would let a sighting of `gone` go if it were one of `kept`."""
         place = self.landmark(kept)
-        return any(self._misfit(each, place) > ROBUST_CHI2 for each in self._sightings[gone])
-
-    def cost(self) -> float:
-        """Half the sum of all chi-squares, under the kernel; takes time as long as the run."""
-        if not self._is_current:
-            self._read_all()
-        return float(self._isam.getFactorsUnsafe().error(self._estimate))
-
-    def checkpoint(self) -> Checkpoint:
-        """Where everything is now, to go back to if what comes next turns out wrong."""
-        return Checkpoint(self.cost(), self._estimate)
-
-    def go_back(self, checkpoint: Checkpoint) -> None:
-        """Takes in what waits for an update, but everything starts from where it was then.
-
-        What has been split again would else stay near where the wrong merge has brought it.
-        """
-        self._estimate, self._is_current = checkpoint.values, True
-        self._rebuild()
-        self._empty_queue()
-
-    def weakest_link(self, since_pose: int) -> int:
-        """The pose after the least certain motion since a pose."""
-        links = self._odometry[since_pose:]
-        return max(links, key=lambda each: float(np.trace(each.motion.covariance[:2, :2]))).end
-
-    def carry(self, correction: Pose2, since_pose: int) -> None:
-        """Moves a pose, all after it, and what only those sighted; no factor changes.
-
-        Args:
-            correction: takes what was believed in map to where it is.
-            since_pose: the first pose that moves.
-        """
-        self._read_all()
-        values = gtsam.Values()
-        for index in range(self.num_poses):
-            pose = self._guess(index)
-            values.insert(X(index), to_gtsam(correction @ pose if index >= since_pose else pose))
-        for landmark, place in self._landmark_guesses.items():
-            moves = all(each.pose >= since_pose for each in self._sightings[landmark])
-            moved = correction.transform(place[None])[0] if moves else place
-            values.insert(j=L(landmark), point2=moved)
-        self._estimate, self._is_current = values, True
-        self._rebuild()
-        self._empty_queue()
+        return any(self._misfit(each, place) > ROBUST_CHI2 for each in self.sightings(gone))
 
     def split(self, landmark: int, tracks: Set[int], new: int) -> None:
         """Takes a merge back with the next update: sightings of these tracks are of `new` again.
@@ -245,17 +207,16 @@ class FactorGraph:
         """
         self._check_known(landmark)
         self._check_updated(landmark)
-        leaving = [each for each in self._sightings[landmark] if each.track in tracks]
-        if not 0 < len(leaving) < len(self._sightings[landmark]):
+        rows = self._log.rows(landmark)
+        leaving = rows[np.isin(self._log.tracks[rows], list(tracks))]
+        if not 0 < len(leaving) < len(rows):
             raise GraphError(
-                f"landmark {landmark}: {len(leaving)} of its {len(self._sightings[landmark])} "
+                f"landmark {landmark}: {len(leaving)} of its {len(rows)} "
                 "sightings are of the tracks to be split off, expected some but not all"
             )
-        self._sightings[landmark] = [
-            each for each in self._sightings[landmark] if each.track not in tracks
-        ]
         self.add_landmark(new, self.landmark(landmark))
         self._hand_over(leaving, new)
+        self._windows.hand_over(landmark, new, tracks)
 
     def remove(self, landmark: int) -> None:
         """Takes a landmark and its sightings out with the next update.
@@ -265,8 +226,72 @@ class FactorGraph:
         """
         self._check_known(landmark)
         self._check_updated(landmark)
-        self._removed_slots += [sighting.slot for sighting in self._sightings[landmark]]
+        for row in self._live(self._log.rows(landmark)):
+            self._isam.remove(self._slots.sightings, row)
+        windows = self._windows.of(landmark)
         self._forget(landmark)
+        for number in windows:
+            window = self._windows[number]
+            rows = np.array(self._log.known(window.rows.tolist()), dtype=np.int64)
+            self._windows.replace(number, *self._condense(window.first, window.last, rows))
+        self._windows.forget(landmark)
+
+    def weakest_link(self, since_pose: int) -> int:
+        """The pose after the least certain motion since a pose."""
+        covariances = self._log.motion_covariances[since_pose + 1 :]
+        return since_pose + 1 + int((covariances[:, 0, 0] + covariances[:, 1, 1]).argmax())
+
+    def cost(self) -> float:
+        """Half the sum of all chi-squares, under the kernel; takes time as long as the run.
+
+        Of what is condensed, only what comes to it by its ends and landmarks.
+        """
+        return self._isam.cost()
+
+    def checkpoint(self) -> Checkpoint:
+        """Where everything is now, to go back to if what comes next turns out wrong."""
+        return Checkpoint(self.cost(), self.estimate())
+
+    def go_back(self, checkpoint: Checkpoint) -> None:
+        """Takes in what waits for an update, but everything starts from where it was then.
+
+        What has been split again would else stay near where the wrong merge has brought it.
+        """
+        self._start_from(checkpoint.estimate)
+
+    def carry(self, correction: Pose2, since_pose: int) -> None:
+        """Moves a pose, all after it, and what only those sighted; no factor changes.
+
+        Args:
+            correction: takes what was believed in map to where it is.
+            since_pose: the first pose that moves.
+        """
+        estimate = self.estimate()
+        poses = estimate.map_T_bases.copy()
+        poses[since_pose:, :2] = correction.transform(poses[since_pose:, :2])
+        poses[since_pose:, 2] = wrap_angle(poses[since_pose:, 2] + correction.theta)
+        places = {
+            landmark: correction.transform(place[None])[0]
+            if (self._log.poses[self._log.rows(landmark)] >= since_pose).all()
+            else place
+            for landmark, place in estimate.map_t_landmarks.items()
+        }
+        self._start_from(GraphEstimate(poses, places))
+
+    def polish(self) -> None:
+        """Moves to the batch optimum over the whole log, starting from the estimate at hand.
+
+        Takes in what waits for an update; after many merges at once that is quicker than `update`.
+        Nothing is condensed any more.
+        """
+        self.estimate()
+        self._windows.clear(self.num_poses - 1)
+        whole, kept = Incremental(self._isam.factorization), (self._isam, self._slots)
+        self._isam, self._slots = whole, _AllSlots()
+        self._add_all()
+        self._isam, self._slots = kept
+        found = whole.optimum()
+        self._start_from(GraphEstimate(found.map_T_bases, dict(found.map_t_landmarks)))
 
     def update(self, *, relinearize: bool = False) -> None:
         """Takes in all that was added since the last update.
@@ -277,81 +302,43 @@ class FactorGraph:
         A failure is named in `incidents`, and the graph rebuilt from its own log.
         """
         last = self.num_poses - 1
+        before = self._poses.rows[last].copy()
         try:
-            before = self._guess(last)
-            result = self._isam.update(
-                self._new_factors,
-                self._new_values,
-                self._removed_slots,
-                None,
-                None,
-                None,
-                relinearize,
-            )
-            slots = list(result.getNewFactorsIndices())
-            for position, sighting in self._new_sightings:
-                sighting.slot = int(slots[position])
+            if not relinearize:
+                self._condense_next()
+            self._add_windows()
+            self._isam.update(relinearize=relinearize)
             self._is_current = False
             self._let_go()
-            after = self.pose(last)
-        except (RuntimeError, ValueError, IndexError) as error:
-            self._incidents.append(f"update failed, graph rebuilt: {_first_line(error)}")
+            self._poses.rows[last] = self._isam.pose(last).as_array()
+        except UpdateError as error:
+            self._incidents.append(f"update failed, graph rebuilt: {error}")
             self._rebuild()
         else:
-            if np.hypot(after.x - before.x, after.y - before.y) > _JUMP_M:
+            if np.hypot(*(self._poses.rows[last] - before)[:2]) > _JUMP_M:
                 self._read_all()
-        self._empty_queue()
+        self._settled()
 
     def settle(self) -> None:
         """Linearizes again until little moves: what one update after a great change leaves open."""
         for _ in range(_SETTLING):
             self.update(relinearize=True)
 
-    def _let_go(self) -> None:
-        """Sightings that held firmly while the graph moved get their kernel."""
-        if not self._firm:
-            return
-        for _ in range(_SETTLING):
-            _relinearize(self._isam)
-        robust = gtsam.NonlinearFactorGraph()
-        for sighting in self._firm:
-            robust.add(sighting_factor(sighting))
-        slots = [sighting.slot for sighting in self._firm]
-        result = self._isam.update(robust, gtsam.Values(), slots, None, None, None, True)
-        for sighting, slot in zip(self._firm, result.getNewFactorsIndices(), strict=True):
-            sighting.slot = int(slot)
-
-    def _misfit(self, sighting: Sighting, place: FloatArray) -> float:
-        """Chi-square of a sighting, if its landmark were at a place (2,)."""
-        predicted = predict(self.pose(sighting.pose), place[None])
-        measured = np.array([sighting.range_m]), np.array([sighting.bearing])
-        innovation = innovations(predicted, *measured)[0]
-        return float(mahalanobis2(innovation, sighting.covariance))
-
-    def polish(self) -> None:
-        """Moves to the batch optimum over the whole log, starting from the estimate at hand.
-
-        Takes in what waits for an update; after many merges at once that is quicker than `update`.
-        """
-        graph, _ = self._whole_graph()
-        self._estimate = _optimum(graph, self._guesses(), self._factorization)
-        self._is_current = True
-        self._rebuild()
-        self._empty_queue()
-
     def pose(self, index: int) -> Pose2:
         """map_T_base of one pose as of the last update."""
-        pose = self._isam.calculateEstimatePose2(X(index))
-        return Pose2(pose.x(), pose.y(), pose.theta())
+        number = self._windows.of_pose(index)
+        if number == NONE:
+            return self._isam.pose(index)
+        window = self._windows[number]
+        first = self._isam.pose(window.first)
+        between = window.condensed.first_T_between[index - window.first - 1]
+        return first @ Pose2.from_array(between)
 
     def landmark(self, landmark: int) -> FloatArray:
         """map_t_landmark (2,) as of the last update; of what is newer, the guess."""
-        if not self._isam.valueExists(L(landmark)):
-            return self._landmark_guesses[landmark]
-        place: FloatArray = np.array(self._isam.calculateEstimatePoint2(L(landmark)))
-        self._landmark_guesses[landmark] = place
-        self._places.put(landmark, place)
-        return place
+        if self._isam.has_landmark(landmark):
+            self._move(landmark, self._isam.landmark(landmark))
+        return self._landmarks[landmark]
 
     def near(self, map_t_point: FloatArray, radius_m: float) -> dict[int, FloatArray]:
         """The landmarks within a radius of a point (2,), with their positions (2,)."""
@@ -369,27 +356,21 @@ class FactorGraph:
         """All poses and landmarks as of the last update; takes time as long as the run."""
         if not self._is_current:
             self._read_all()
-        poses = gtsam.utilities.extractPose2(self._estimate)
-        return GraphEstimate(np.asarray(poses), dict(self._landmark_guesses))
-
-    def _read_all(self) -> None:
-        self._estimate = self._isam.calculateEstimate()
-        self._is_current = True
-        for landmark in self._sightings:
-            self.landmark(landmark)
+        return GraphEstimate(self._poses.rows.copy(), dict(self._landmarks))
 
     def landmark_covariance(self, landmarks: Sequence[int]) -> FloatArray:
         """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
-        return self._joint([L(landmark) for landmark in landmarks])
+        return self._joint([landmark_key(landmark) for landmark in landmarks])
 
     def landmark_covariances(self, landmarks: Sequence[int]) -> FloatArray:
         """(n, 2, 2) marginal covariance of each landmark, in map."""
-        return self._marginals([L(landmark) for landmark in landmarks], 2)
+        keys = [landmark_key(landmark) for landmark in landmarks]
+        return self._sure(lambda known: known.marginals(keys, 2))
 
     def covariances_given_last_pose(self, landmarks: Sequence[int]) -> FloatArray:
         """(n, 2, 2) of each landmark in the last pose's frame, as if that pose were known."""
         last = self.num_poses - 1
-        joint = self._joint([X(last), *(L(landmark) for landmark in landmarks)])
+        joint = self._joint([pose_key(last), *map(landmark_key, landmarks)])
         gain = np.linalg.solve(joint[:3, :3], joint[:3, 3:])
         given = (joint[3:, 3:] - gain.T @ joint[:3, 3:]).reshape(
             len(landmarks), 2, len(landmarks), 2
@@ -405,136 +386,187 @@ class FactorGraph:
 
     def pose_covariance(self, index: int) -> FloatArray:
         """(3, 3) marginal covariance of a pose, (x, y, theta) in its own frame."""
-        return self._by_isam([X(index)])
+        self._uncondense([index])
+        return self._joint([pose_key(index)])
 
     def pose_covariances(self, indices: Sequence[int]) -> FloatArray:
         """(n, 3, 3) marginal covariance of each pose, (x, y, theta) in its own frame."""
-        return self._marginals([X(index) for index in indices], 3)
+        self._uncondense(indices)
+        keys = [pose_key(index) for index in indices]
+        return self._sure(lambda known: known.marginals(keys, 3))
 
     def chain_covariances(self) -> tuple[FloatArray, FloatArray]:
         """(n, 3, 3) marginal covariance of each pose, and of each with the one after it.
 
         Each in its own frame; after the last pose there is none, the cross covariance is 0.
         """
-        keys = [X(index) for index in range(self.num_poses)]
-        covariances, crosses = (np.zeros((len(keys), 3, 3)) for _ in range(2))
-        for start in range(0, len(keys), _AT_ONCE):
-            some = keys[start : start + _AT_ONCE + 1]
-            joint = self._joint(some).reshape(len(some), 3, len(some), 3)
-            each = np.arange(len(some))
-            covariances[start : start + len(some)] = joint[each, :, each, :]
-            crosses[start : start + len(some) - 1] = joint[each[:-1], :, each[1:], :]
-        return covariances, crosses
+        indices = range(self.num_poses)
+        self._uncondense(indices)
+        keys = [pose_key(index) for index in indices]
+        return self._sure(lambda known: known.chain(keys))
 
     def _joint(self, keys: Sequence[int]) -> FloatArray:
-        """The covariance of variables together.
+        return self._sure(lambda known: known.joint(keys))
 
-        iSAM2 needs the cliques between them; where these are large, in a dense stand, the sparse
-        matrix of the whole graph is tenfold quicker.
-        """
-        try:
-            if self._is_dense():
-                information = self._information()
-                return information.covariance(np.concatenate([self._columns[k] for k in keys]))
-        except GraphError as error:
-            self._incidents.append(f"covariance by iSAM2: {error}")
-        return self._by_isam(keys)
-
-    def _marginals(self, keys: Sequence[int], size: int) -> FloatArray:
-        """(n, size, size): by the dozen, which costs little more than one."""
-        covariances = np.zeros((len(keys), size, size))
-        for start in range(0, len(keys), _AT_ONCE):
-            some = keys[start : start + _AT_ONCE]
-            joint = self._joint(some).reshape(len(some), size, len(some), size)
-            each = np.arange(len(some))
-            covariances[start : start + len(some)] = joint[each, :, each, :]
-        return covariances
-
-    def _is_dense(self) -> bool:
-        num_columns = 3 * self.num_poses + 2 * len(self._sightings)
-        return bool(self._isam.treeNnz() >= _DENSE * num_columns)
-
-    def _by_isam(self, keys: Sequence[int]) -> FloatArray:
-        try:
-            return self._isam_covariance(keys)
-        except RuntimeError as error:
-            if self._factorization == "QR":
-                raise GraphError(f"no covariance: {_first_line(error)}") from error
-            self._incidents.append(f"no covariance, QR from now on: {_first_line(error)}")
-            self._factorization = "QR"
-            self._rebuild()
-            return self._isam_covariance(keys)
-
-    def _isam_covariance(self, keys: Sequence[int]) -> FloatArray:
-        if len(keys) == 1:
-            return np.asarray(self._isam.marginalCovariance(keys[0]))
-        return np.asarray(self._isam.jointMarginalCovariance(list(keys)).fullMatrix())
-
-    def _information(self) -> Information:
-        """Of all variables as of the last update; made when it is first asked for.
+    def _sure(self, ask: Callable[[Covariances], Answer]) -> Answer:
+        """What is asked for; by QR from now on if it must be.
 
         Raises:
-            GraphError: the graph is singular.
+            GraphError: not even then.
         """
-        if self._factored is None:
-            if not self._is_current:
-                self._read_all()
-            linear = self._isam.getFactorsUnsafe().linearize(self._estimate)
-            row, column, value = linear.sparseJacobian_()
-            widths = {key: 2 if key < X(0) else 3 for key in sorted(linear.keys())}
-            starts = np.cumsum([0, *widths.values()])
-            self._columns = {
-                key: np.arange(start, start + width)
-                for (key, width), start in zip(widths.items(), starts[:-1].tolist(), strict=True)
-            }
-            # The last column is the right side.
-            whole = csr_matrix((value, (row.astype(np.int64) - 1, column.astype(np.int64) - 1)))
-            self._factored = Information(whole[:, : starts[-1]])
-        return self._factored
+        try:
+            return ask(self._covariances)
+        except NoCovarianceError as error:
+            if self._isam.factorization == "QR":
+                raise GraphError(f"no covariance: {error}") from error
+            self._incidents.append(f"no covariance, QR from now on: {error}")
+            self._isam.factorization = "QR"
+            self._rebuild()
+            self._settled()
+            return ask(self._covariances)
+
+    def _new_covariances(self) -> Covariances:
+        # Condensed factors are slow to linearize, and a long graph is slow to factor.
+        num_columns = None if len(self._windows) else 3 * self.num_poses + 2 * len(self._log)
+        return Covariances(self._isam, num_columns, self._incidents)
 
     def _check_known(self, landmark: int) -> None:
-        if landmark not in self._sightings:
+        if landmark not in self._log:
             raise GraphError(f"landmark {landmark} is not in the graph; add it first")
 
     def _check_updated(self, landmark: int) -> None:
-        if any(sighting.landmark == landmark for _, sighting in self._new_sightings):
+        waiting = self._isam.waiting(self._slots.sightings)
+        if (self._log.landmarks[waiting] == landmark).any():
             raise GraphError(f"landmark {landmark}: update the graph before it is taken out")
 
-    def _hand_over(self, sightings: Sequence[Sighting], landmark: int) -> None:
+    def _misfit(self, sighting: Sighting, place: FloatArray) -> float:
+        """Chi-square of a sighting, if its landmark were at a place (2,)."""
+        predicted = predict(self.pose(sighting.pose), place[None])
+        measured = np.array([sighting.range_m]), np.array([sighting.bearing])
+        innovation = innovations(predicted, *measured)[0]
+        return float(mahalanobis2(innovation, sighting.covariance))
+
+    def _live(self, rows: IntArray) -> list[int]:
+        """The sightings that are factors of their own."""
+        poses = self._log.poses[rows].tolist()
+        return [
+            row
+            for row, pose in zip(rows.tolist(), poses, strict=True)
+            if self._windows.of_motion(pose) == NONE
+        ]
+
+    def _hand_over(self, rows: IntArray, landmark: int) -> None:
         """With the next update these are sightings of another landmark."""
-        for sighting in sightings:
-            self._removed_slots.append(sighting.slot)
-            sighting.landmark = landmark
-            self._sightings[landmark].append(sighting)
-            self._queue(sighting)
+        self._log.hand_over(rows, landmark)
+        for row in self._live(rows):
+            self._isam.remove(self._slots.sightings, row)
+            self._add_sighting(row)
 
     def _forget(self, landmark: int) -> None:
-        del self._sightings[landmark], self._landmark_guesses[landmark]
+        self._log.forget(landmark)
+        del self._landmarks[landmark]
         self._places.remove(landmark)
 
-    def _queue(self, sighting: Sighting) -> None:
-        self._new_sightings.append((self._new_factors.size(), sighting))
-        is_firm = sighting in self._firm
-        self._new_factors.add(sighting_factor(sighting, is_firm=is_firm))
+    def _move(self, landmark: int, place: FloatArray) -> None:
+        """It was read to be there."""
+        self._landmarks[landmark] = place
+        self._places.put(landmark, place)
 
-    def _empty_queue(self) -> None:
-        self._new_factors = gtsam.NonlinearFactorGraph()
-        self._new_sightings = []
-        self._new_values = gtsam.Values()
-        self._removed_slots = []
+    def _add_motion(self, pose: int) -> None:
+        factor = motion_factor(
+            pose - 1, pose, self._log.motions[pose], self._log.motion_covariances[pose]
+        )
+        self._isam.add(factor, self._slots.motions, pose)
+
+    def _add_sighting(self, row: int) -> None:
+        factor = sighting_factor(self._log.sighting(row), is_firm=row in self._firm)
+        self._isam.add(factor, self._slots.sightings, row)
+
+    def _add_windows(self) -> None:
+        """Those that are new or changed."""
+        for number in sorted(self._windows.changed):
+            if self._slots.windows[number] != NONE:
+                self._isam.remove(self._slots.windows, number)
+            window = self._windows[number]
+            factor = condensed_factor(window.condensed, window.first, window.last, window.landmarks)
+            self._isam.add(factor, self._slots.windows, number)
+        self._windows.changed.clear()
+
+    def _condense_next(self) -> None:
+        """Takes one window of poses out with the next update, and its factor in."""
+        found = self._windows.next(self._last_updated)
+        if found is None:
+            return
+        first, last = found
+        motions, rows = range(first + 1, last + 1), self._log.rows_of_poses(first + 1, last)
+        if any(self._slots.sightings[row] == NONE for row in rows.tolist()):
+            return
+        try:
+            names, condensed = self._condense(first, last, rows)
+        except GraphError as error:
+            self._incidents.append(f"poses {first} to {last} are not condensed: {error}")
+            self._windows.skip(last)
+            return
+        for pose in motions:
+            self._isam.remove(self._slots.motions, pose)
+        for row in rows.tolist():
+            self._isam.remove(self._slots.sightings, row)
+        window = Window(first, last, rows.astype(np.int32), names[:, 1], names[:, 0], condensed)
+        self._windows.add(window)
+
+    def _condense(self, first: int, last: int, rows: IntArray) -> tuple[IntArray, Condensed]:
+        poses = np.array([self.pose(k).as_array() for k in range(first, last + 1)])
+        names = np.unique(self._log.landmarks[rows]).tolist()
+        places = {name: self.landmark(name) for name in names}
+        return self._windows.condensed(first, rows, poses, places)
+
+    def _uncondense(self, poses: Sequence[int]) -> None:
+        """Builds the whole graph, if one of these poses was given up."""
+        if len(self._windows) and any(self._windows.of_pose(pose) != NONE for pose in poses):
+            estimate = self.estimate()
+            self._windows.clear(self.num_poses - 1)
+            self._start_from(estimate)
+
+    def _let_go(self) -> None:
+        """Sightings that held firmly while the graph moved get their kernel."""
+        if not self._firm:
+            return
+        firm, self._firm = self._firm, []
+        self._isam.forget_waiting()
+        self._isam.linearize_again(_SETTLING)
+        for row in firm:
+            self._isam.remove(self._slots.sightings, row)
+            self._add_sighting(row)
+        self._isam.update(relinearize=True)
+
+    def _read_all(self) -> None:
+        if self._last_updated >= 0:
+            values = self._isam.values()
+            self._poses.rows[values.poses] = values.map_T_bases
+            for landmark, place in values.map_t_landmarks.items():
+                if landmark in self._log:
+                    self._move(landmark, place)
+        for window in self._windows:
+            followed = follow(self._poses.rows[window.first], window.condensed)
+            self._poses.rows[window.first + 1 : window.last] = followed
+        self._is_current = True
+
+    def _start_from(self, estimate: GraphEstimate) -> None:
+        """Builds the graph from the log, with everything here and nothing waiting."""
+        self._poses.rows[: len(estimate.map_T_bases)] = estimate.map_T_bases
+        for landmark, place in estimate.map_t_landmarks.items():
+            if landmark in self._log:
+                self._move(landmark, place)
+        self._is_current = True
+        self._rebuild()
+        self._settled()
+
+    def _settled(self) -> None:
+        """Nothing waits any more."""
+        self._isam.forget_waiting()
         self._firm = []
-        self._factored = None
-
-    def _whole_graph(self) -> tuple[gtsam.NonlinearFactorGraph, list[Sighting]]:
-        """All factors of the log, and the sightings in the order of their factors."""
-        graph = gtsam.NonlinearFactorGraph()
-        graph.add(prior_factor(self._start))
-        for odometry in self._odometry:
-            graph.add(odometry_factor(odometry))
-        sightings = [sighting for group in self._sightings.values() for sighting in group]
-        for sighting in sightings:
-            graph.add(sighting_factor(sighting))
-        return graph, sightings
+        self._last_updated = self.num_poses - 1
+        self._covariances = self._new_covariances()
 
     def _rebuild(self) -> None:
         """A new iSAM2 over the whole log, at the last good estimate; by QR if it must be.
@@ -542,78 +574,46 @@ class FactorGraph:
         Raises:
             GraphError: the log itself cannot be solved.
         """
-        graph, sightings = self._whole_graph()
-        isam = _new_isam(self._factorization)
-        try:
-            isam.update(graph, self._guesses())
-            for _ in range(0 if self._is_current else _SETTLING):
-                isam.update(
-                    gtsam.NonlinearFactorGraph(), gtsam.Values(), [], None, None, None, True
-                )
-            self._estimate = isam.calculateEstimate()
-        except (RuntimeError, ValueError, IndexError) as error:
-            if self._factorization == "QR":
-                raise GraphError(f"the graph cannot be solved: {_first_line(error)}") from error
-            self._factorization = "QR"
-            self._rebuild()
-            return
-        first = 1 + len(self._odometry)
-        for position, sighting in enumerate(sightings):
-            sighting.slot = first + position
-        self._isam = isam
-        self._read_all()
+        old = self._isam, self._slots
+        for factorization in dict.fromkeys((old[0].factorization, "QR")):
+            self._isam, self._slots = Incremental(factorization), _AllSlots()
+            self._add_all()
+            try:
+                self._isam.update()
+                self._isam.linearize_again(0 if self._is_current else _SETTLING)
+                self._last_updated = self.num_poses - 1
+                self._read_all()
+            except UpdateError as error:
+                failure = error
+            else:
+                return
+        self._isam, self._slots = old
+        self._isam.factorization = "QR"
+        raise GraphError(f"the graph cannot be solved: {failure}") from failure
 
-    def _guesses(self) -> gtsam.Values:
-        """The last good value of each variable, and the first guess of new ones."""
-        values = gtsam.Values()
-        for index in range(self.num_poses):
-            values.insert(X(index), to_gtsam(self._guess(index)))
-        for landmark, guess in self._landmark_guesses.items():
-            is_read = self._is_current and self._estimate.exists(L(landmark))
-            place = np.asarray(self._estimate.atPoint2(L(landmark))) if is_read else guess
-            values.insert(j=L(landmark), point2=place)
-        return values
-
-    def _guess(self, index: int) -> Pose2:
-        """The last good value of a pose, or its first guess."""
-        if not self._estimate.exists(X(index)):
-            return self._pose_guesses[index]
-        pose = self._estimate.atPose2(X(index))
-        return Pose2(pose.x(), pose.y(), pose.theta())
+    def _add_all(self) -> None:
+        """All that was ever added waits for an update, with the last good value of each."""
+        self._isam.add(prior_factor(self._log.start), self._slots.prior, 0)
+        for pose in range(1, self.num_poses):
+            if self._windows.of_motion(pose) == NONE:
+                self._add_motion(pose)
+        for landmark in self._log.names():
+            for row in self._live(self._log.rows(landmark)):
+                self._add_sighting(row)
+        self._windows.changed.update(range(len(self._windows)))
+        self._add_windows()
+        for pose, row in enumerate(self._poses.rows):
+            if self._windows.of_pose(pose) == NONE:
+                self._isam.insert_pose(pose, Pose2.from_array(row))
+        for landmark, place in self._landmarks.items():
+            self._isam.insert_landmark(landmark, place)
 
 
-def _new_isam(factorization: str) -> gtsam.ISAM2:
-    """iSAM2 by Cholesky, or QR: that is slower but takes graphs whose sigmas differ by decades."""
-    params = gtsam.ISAM2Params()
-    params.setFactorization(factorization)
-    params.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(0.01))
-    params.setRelinearizeThreshold(0.1)
-    # Closures force it; relinearizing less often costs no accuracy, for the end is a batch.
-    params.relinearizeSkip = 3
-    params.enablePartialRelinearizationCheck = True
-    params.findUnusedFactorSlots = True
-    return gtsam.ISAM2(params)
+@dataclass(frozen=True, slots=True, eq=False)
+class _AllSlots:
+    """Where everything is in iSAM2."""
 
-
-def _relinearize(isam: gtsam.ISAM2) -> None:
-    """One step more, with nothing new."""
-    isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), [], None, None, None, True)
-
-
-def _optimum(
-    graph: gtsam.NonlinearFactorGraph, guesses: gtsam.Values, factorization: str
-) -> gtsam.Values:
-    """The batch optimum; by QR if it must be."""
-    params = gtsam.LevenbergMarquardtParams()
-    params.setLinearSolverType(f"MULTIFRONTAL_{factorization}")
-    try:
-        return gtsam.LevenbergMarquardtOptimizer(graph, guesses, params).optimize()
-    except RuntimeError:
-        if factorization == "QR":
-            raise
-        return _optimum(graph, guesses, "QR")
-
-
-def _first_line(error: Exception) -> str:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[0] if lines else type(error).__name__
+    prior: Slots = field(default_factory=Slots)
+    motions: Slots = field(default_factory=Slots)
+    sightings: Slots = field(default_factory=Slots)
+    windows: Slots = field(default_factory=Slots)

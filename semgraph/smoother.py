@@ -46,6 +46,7 @@ class SmootherSettings(BaseModel):
     closure_odds: float = Field(100.0, gt=1.0)
     duplicate_odds: float = Field(10.0, gt=1.0)
     in_sight_scans: int = Field(10, ge=0)
+    window_scans: int = Field(20, ge=0)
 
     def start(self, map_T_start: Pose2) -> UncertainPose2:
         """Where the run starts, as surely as the settings say."""
@@ -66,7 +67,7 @@ class Smoother:
 
     def __init__(self, settings: SmootherSettings, map_T_start: Pose2) -> None:
         self._settings = settings
-        self._graph = FactorGraph(settings.start(map_T_start))
+        self._graph = FactorGraph(settings.start(map_T_start), settings.window_scans)
         self._keyframes = Keyframes()
         self._registry = LandmarkRegistry()
         self._moving: list[Track] = []
@@ -194,7 +195,7 @@ class Smoother:
                 its.semantics(),
                 self._graph.landmark(landmark),
                 covariance,
-                len(self._graph.sightings(landmark)),
+                self._graph.num_sightings(landmark),
                 self._reliability(its),
             )
             for landmark, its, covariance in zip(landmarks, known, covariances, strict=True)

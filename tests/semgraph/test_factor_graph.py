@@ -130,7 +130,7 @@ by_both_ways = pytest.mark.parametrize("dense", [0, 10**9])
 def test_covariances_are_the_marginals_of_the_batch_solution(
     monkeypatch: pytest.MonkeyPatch, dense: int
 ) -> None:
-    monkeypatch.setattr("semgraph.factor_graph._DENSE", dense)
+    monkeypatch.setattr("semgraph.covariances._DENSE", dense)
     made = drive(1)
     graph = polished(built(made))
     together = graph.pose_covariances(range(graph.num_poses))
@@ -151,7 +151,7 @@ def test_covariances_are_the_marginals_of_the_batch_solution(
 def test_joint_covariances_have_the_order_that_was_asked(
     monkeypatch: pytest.MonkeyPatch, order: Sequence[int], dense: int
 ) -> None:
-    monkeypatch.setattr("semgraph.factor_graph._DENSE", dense)
+    monkeypatch.setattr("semgraph.covariances._DENSE", dense)
     made = drive(1)
     graph = polished(built(made))
     solution = scipy_optimum(made, stacked(graph))

@@ -1,0 +1,171 @@
+"""Condensed stretches of a graph against the graph itself."""
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import L, X
+
+from semgraph.arrays import FloatArray
+from semgraph.errors import GraphError
+from semgraph.factor_graph import FactorGraph
+from semgraph.factors import Sighting, condensed_factor
+from semgraph.graph_log import GraphLog
+from semgraph.windows import NONE, Windows
+from tests.semgraph.drives import LANDMARKS, NOISE, START, Drive, add_scan, drive, halves, polished
+
+
+def driven(made: Drive, window_poses: int, name: object = None) -> FactorGraph:
+    """Updated after each pose, and linearized anew until nothing moves."""
+    graph = FactorGraph(made.start, window_poses)
+    for pose in range(1, len(made.motions) + 1):
+        add_scan(graph, made, pose, halves if name is halves else lambda _, k: k)
+        graph.update()
+    return graph
+
+
+def num_condensed(graph: FactorGraph) -> int:
+    return sum(graph._windows.of_pose(pose) != NONE for pose in range(graph.num_poses))
+
+
+def optimum(graph: FactorGraph) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Poses, landmarks and the joint covariance of these, with everything linearized again."""
+    graph.settle()
+    estimate = graph.estimate()
+    order = sorted(graph.landmarks())
+    places = np.array([estimate.map_t_landmarks[k] for k in order])
+    return estimate.map_T_bases, places, graph.landmark_covariance(order)
+
+
+def assert_close(
+    found: tuple[FloatArray, FloatArray, FloatArray],
+    whole: tuple[FloatArray, FloatArray, FloatArray],
+) -> None:
+    """But for where each stretch was linearized: half a sigma, and a tenth of the variance."""
+    sigmas = np.sqrt(np.diag(whole[2])).reshape(-1, 2)
+    assert (np.abs(found[1] - whole[1]) < 0.5 * sigmas).all()
+    np.testing.assert_allclose(np.diag(found[2]), np.diag(whole[2]), rtol=0.1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_condensed_graph_has_the_optimum_and_the_covariances_of_the_whole(seed: int) -> None:
+    made = drive(seed, num_poses=30)
+    whole, condensed = (optimum(driven(made, length)) for length in (0, 6))
+    assert_close(condensed, whole)
+
+
+def test_most_poses_are_given_up_and_followed() -> None:
+    graph = driven(drive(1, num_poses=30), 6)
+    assert num_condensed(graph) == 15
+    estimate = graph.estimate()
+    for pose in range(graph.num_poses):
+        np.testing.assert_allclose(
+            graph.pose(pose).as_array(), estimate.map_T_bases[pose], atol=1e-5
+        )
+    assert graph.incidents == ()
+
+
+def test_polishing_is_of_the_whole_graph() -> None:
+    made = drive(2, num_poses=30)
+    whole, condensed = (polished(driven(made, length)) for length in (0, 6))
+    assert num_condensed(condensed) == 0
+    np.testing.assert_allclose(
+        condensed.estimate().map_T_bases, whole.estimate().map_T_bases, atol=1e-5
+    )
+
+
+def test_asking_for_the_covariance_of_a_pose_given_up_brings_it_back() -> None:
+    made = drive(3, num_poses=30)
+    whole, condensed = (driven(made, length) for length in (0, 6))
+    for graph in (whole, condensed):
+        graph.settle()
+    np.testing.assert_allclose(
+        np.diag(condensed.pose_covariance(3)), np.diag(whole.pose_covariance(3)), rtol=0.1
+    )
+    assert condensed.chain_covariances()[0].shape == (31, 3, 3)
+
+
+def test_condensed_sightings_are_merged_and_split_like_others() -> None:
+    made = drive(4, num_poses=30)
+    whole, condensed = (driven(made, length, halves) for length in (0, 6))
+    for graph in (whole, condensed):
+        for landmark in range(4):
+            graph.merge(landmark + 10, landmark)
+        graph.update(relinearize=True)
+        graph.split(2, {12}, 12)
+    assert num_condensed(condensed) > 0
+    assert_close(optimum(condensed), optimum(whole))
+    assert [len(condensed.sightings(k)) for k in (0, 2, 12)] == [30, 4, 26]
+    assert condensed.incidents == ()
+
+
+def test_what_is_taken_out_leaves_the_condensed_stretches_too() -> None:
+    made = drive(5, num_poses=30)
+    whole, condensed = (driven(made, length) for length in (0, 6))
+    for graph in (whole, condensed):
+        graph.remove(1)
+        graph.update()
+    assert_close(optimum(condensed), optimum(whole))
+
+
+def test_a_sighting_from_a_pose_given_up_is_refused() -> None:
+    graph = driven(drive(1, num_poses=30), 6)
+    with pytest.raises(GraphError, match="condensed"):
+        graph.add_sighting(Sighting(3, 0, 2.0, 0.5, NOISE))
+
+
+def test_a_rebuilt_graph_keeps_its_condensed_stretches() -> None:
+    graph = driven(drive(6, num_poses=30), 6)
+    before = graph.estimate()
+    graph.go_back(graph.checkpoint())
+    assert num_condensed(graph) > 0
+    np.testing.assert_allclose(graph.estimate().map_T_bases, before.map_T_bases, atol=0.1)
+
+
+def test_motions_nothing_is_sure_of_are_never_condensed() -> None:
+    made = drive(7, num_poses=30)
+    made.motions[9] = type(made.motions[9])(made.motions[9].pose, np.diag([5.0, 5.0, 1.0]))
+    graph = driven(made, 6)
+    assert graph._windows.of_motion(10) == NONE
+    assert num_condensed(graph) > 10
+
+
+@pytest.mark.parametrize("names", [[0, 1, 2, 3], [0, 1, 1, 3], [5, 1, 7, 3]])
+def test_the_jacobians_of_a_condensed_factor_are_its_derivatives(names: list[int]) -> None:
+    made = drive(8, num_poses=6)
+    log = GraphLog(START)
+    poses = np.array([START.pose.as_array(), *(guess.as_array() for guess in made.guesses)])
+    graph = driven(made, 0)
+    for pose in range(1, 7):
+        log.add_motion(made.motions[pose - 1])
+    for landmark in range(4):
+        log.add_landmark(landmark)
+        for sighting in graph.sightings(landmark):
+            log.add_sighting(sighting)
+    places = dict(enumerate(LANDMARKS))
+    _, condensed = Windows(log, 6).condensed(0, np.arange(24), poses, places)
+    factor = condensed_factor(condensed, 0, 6, np.array(names))
+    values = gtsam.Values()
+    values.insert(X(0), gtsam.Pose2(0.3, -0.2, 0.4))
+    values.insert(X(6), gtsam.Pose2(5.0, 3.0, 1.2))
+    for name in set(names):
+        values.insert(j=L(name), point2=LANDMARKS[names.index(name)] + (0.3, -0.1))
+    A, b = factor.linearize(values).jacobian()
+    widths = [3, 3, *[2] * len(set(names))]
+    numeric = np.zeros_like(A)
+    keys = [X(0), X(6), *(L(name) for name in sorted(set(names)))]
+    column = 0
+    for key, width in zip(keys, widths, strict=True):
+        for k in range(width):
+            step = np.zeros(width)
+            step[k] = 1e-5
+            sides = []
+            for sign in (1.0, -1.0):
+                delta = gtsam.VectorValues()
+                for each, size in zip(keys, widths, strict=True):
+                    delta.insert(each, sign * step if each == key else np.zeros(size))
+                moved = values.retract(delta)
+                sides.append(-factor.linearize(moved).jacobian()[1])
+            numeric[:, column] = (sides[0] - sides[1]) / 2e-5
+            column += 1
+    np.testing.assert_allclose(A, numeric, atol=1e-3 * np.abs(A).max())
+    assert np.isfinite(b).all()
