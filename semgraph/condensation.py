@@ -69,8 +69,7 @@ def condense(stretch: Stretch) -> Condensed:
     firsts = np.repeat(stretch.map_T_bases[:1], m + 1, axis=0)
     first_T_bases = relative_poses(firsts, stretch.map_T_bases)
     first_t_things = _inverse_transform(stretch.map_T_bases[0], stretch.map_t_things)
-    A, errors = _linearized(stretch, first_T_bases, first_t_things)
-    information, gradient = A.T @ A, A.T @ errors
+    information, gradient = _normal_equations(stretch, first_T_bases, first_t_things)
     scale = np.sqrt(np.diag(information))
     if not (scale > 0.0).all():
         raise GraphError("a stretch says nothing of a pose or a landmark")
@@ -115,25 +114,50 @@ def _inverse_transform(map_T_base: FloatArray, map_t_points: FloatArray) -> Floa
     return moved
 
 
-def _linearized(
+def _normal_equations(
     stretch: Stretch, first_T_bases: FloatArray, first_t_things: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Whitened Jacobian and errors of all motions, then all sightings.
+    """Information and gradient of all motions and sightings.
 
-    By the poses after the first, each in its own frame, then by the things, in the first's.
+    Of the poses after the first, each in its own frame, then of the things, in the first's. Put
+    together block by block: as a product of whole matrices it would take many times as long.
     """
-    m, s = len(stretch.motions), len(stretch.poses)
-    A = np.zeros((3 * m + 2 * s, 3 * m + 2 * len(first_t_things)))
+    m, n = len(stretch.motions), len(first_t_things)
+    poses, things = stretch.poses - 1, stretch.things
     by_start, by_end, of_motions = _motions(stretch, first_T_bases)
-    rows, columns = np.arange(3 * m).reshape(m, 3), np.arange(3 * m).reshape(m, 3)
-    A[rows[:, :, None], columns[:, None, :]] = by_end
-    A[rows[1:, :, None], columns[:-1, None, :]] = by_start[1:]
     by_pose, by_thing, of_sightings = _sightings(stretch, first_T_bases, first_t_things)
-    rows = 3 * m + np.arange(2 * s).reshape(s, 2)
-    A[rows[:, :, None], columns[stretch.poses - 1][:, None, :]] = by_pose
-    columns = 3 * m + 2 * stretch.things[:, None] + np.arange(2)
-    A[rows[:, :, None], columns[:, None, :]] = by_thing
-    return A, np.concatenate([of_motions.ravel(), of_sightings.ravel()])
+    of_poses, of_things, mixed = np.zeros((m, 3, 3)), np.zeros((n, 2, 2)), np.zeros((m, n, 3, 2))
+    np.add.at(of_poses, poses, _squared(by_pose, by_pose))
+    np.add.at(of_things, things, _squared(by_thing, by_thing))
+    np.add.at(mixed, (poses, things), _squared(by_pose, by_thing))
+    of_poses += _squared(by_end, by_end)
+    of_poses[:-1] += _squared(by_start[1:], by_start[1:])
+    links = _squared(by_start[1:], by_end[1:])
+    pulls, pushes = np.zeros((m, 3)), np.zeros((n, 2))
+    np.add.at(pulls, poses, _pulled(by_pose, of_sightings))
+    np.add.at(pushes, things, _pulled(by_thing, of_sightings))
+    pulls += _pulled(by_end, of_motions)
+    pulls[:-1] += _pulled(by_start[1:], of_motions[1:])
+    information = np.zeros((3 * m + 2 * n, 3 * m + 2 * n))
+    each, every = np.arange(m), np.arange(n)
+    of_all = information[: 3 * m, : 3 * m].reshape(m, 3, m, 3)
+    of_all[each, :, each, :] = of_poses
+    of_all[each[:-1], :, each[1:], :] = links
+    of_all[each[1:], :, each[:-1], :] = links.transpose(0, 2, 1)
+    information[3 * m :, 3 * m :].reshape(n, 2, n, 2)[every, :, every, :] = of_things
+    information[: 3 * m, 3 * m :] = mixed.transpose(0, 2, 1, 3).reshape(3 * m, 2 * n)
+    information[3 * m :, : 3 * m] = information[: 3 * m, 3 * m :].T
+    return information, np.concatenate([pulls.ravel(), pushes.ravel()])
+
+
+def _squared(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(n, i, j) a^T b of each."""
+    return np.asarray(a.transpose(0, 2, 1) @ b)
+
+
+def _pulled(a: FloatArray, errors: FloatArray) -> FloatArray:
+    """(n, i) a^T e of each."""
+    return np.einsum("nki,nk->ni", a, errors)
 
 
 def _motions(
