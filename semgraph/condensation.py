@@ -101,6 +101,32 @@ def follow(map_T_first: FloatArray, condensed: Condensed) -> FloatArray:
     return _moved(np.repeat(map_T_first[None], len(between), axis=0), between)
 
 
+def linearized(
+    condensed: Condensed, map_T_first: FloatArray, map_T_last: FloatArray, map_t_things: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Whitened errors (d,), and by the first pose (d, 3), the last (d, 3) and each thing (d, n, 2).
+
+    Args:
+        condensed: a stretch.
+        map_T_first: (3,) where its ends are now.
+        map_T_last: (3,).
+        map_t_things: (n, 2).
+    """
+    first_t = _inverse_transform(map_T_first, map_t_things)
+    first_T_last = relative_poses(map_T_first[None], map_T_last[None])
+    off = relative_poses(condensed.first_T_last[None], first_T_last)
+    root = condensed.root.astype(np.float64)
+    by_last = root[:, :3] @ _turned(off[:, 2])[0]
+    of_things = root[:, 3:].reshape(len(root), -1, 2)
+    by_first = -by_last @ adjoints_of_inverse(first_T_last)[0]
+    by_first[:, :2] -= of_things.sum(axis=1)
+    by_first[:, 2] -= root[:, 3:] @ np.column_stack([-first_t[:, 1], first_t[:, 0]]).ravel()
+    c, s = np.cos(map_T_first[2]), np.sin(map_T_first[2])
+    by_things = of_things @ np.array([[c, s], [-s, c]])
+    errors = np.concatenate([off[0], (first_t - condensed.first_t_things).ravel()])
+    return root @ errors, by_first, by_last, by_things
+
+
 def _moved(map_T_bases: FloatArray, steps: FloatArray) -> FloatArray:
     """(n, 3) poses after steps (n, 3) in their own frames."""
     headings = wrap_angle(map_T_bases[:, 2] + steps[:, 2])
@@ -157,7 +183,7 @@ def _squared(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _pulled(a: FloatArray, errors: FloatArray) -> FloatArray:
     """(n, i) a^T e of each."""
-    return np.einsum("nki,nk->ni", a, errors)
+    return np.asarray(np.einsum("nki,nk->ni", a, errors))
 
 
 def _motions(

@@ -6,14 +6,14 @@ read: reading everything would cost more than the update, the longer the run the
 lie back are condensed, window by window, until the batch at the end.
 """
 
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Callable, Iterable, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Final, TypeVar
 
 import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray, frozen_floats
-from semgraph.condensation import Condensed, follow
+from semgraph.condensation import Condensed, follow, linearized
 from semgraph.covariances import Covariances
 from semgraph.errors import GraphError
 from semgraph.factors import (
@@ -33,6 +33,7 @@ from semgraph.graph_log import GraphLog
 from semgraph.growing import Growing
 from semgraph.incremental import Incremental, NoCovarianceError, Slots, UpdateError
 from semgraph.measurement_model import innovations, mahalanobis2, predict
+from semgraph.pieces import Piece, covariance_by
 from semgraph.point_grid import PointGrid
 from semgraph.windows import NONE, Window, Windows
 
@@ -194,9 +195,10 @@ class FactorGraph:
         self._forget(gone)
 
     def are_far_apart(self, gone: int, kept: int) -> bool:
-        """Whether the kernel would let a sighting of `gone` go if it were one of `kept`."""
-        place = self.landmark(kept)
-        return any(self._misfit(each, place) > ROBUST_CHI2 for each in self.sightings(gone))
+        """Whether the kernel would let go as one of `kept` a sighting that it holds of `gone`."""
+        rows = self._log.rows(gone)
+        now, then = (self._misfits(rows, self.landmark(each)) for each in (gone, kept))
+        return bool(((now <= ROBUST_CHI2) & (then > ROBUST_CHI2)).any())
 
     def split(self, landmark: int, tracks: Set[int], new: int) -> None:
         """Takes a merge back with the next update: sightings of these tracks are of `new` again.
@@ -362,6 +364,54 @@ class FactorGraph:
         """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
         return self._joint([landmark_key(landmark) for landmark in landmarks])
 
+    def covariance_around(self, landmarks: Sequence[int], around: Iterable[int]) -> FloatArray:
+        """(2n, 2n) joint covariance of landmarks as if the last pose were known, in map.
+
+        By what is not condensed and what else was sighted together with those `around`: what lies
+        farther off could make it smaller, but it costs as much as the run is long. As it is where
+        that does not connect them, or nothing is condensed.
+        """
+        if not len(self._windows) or not self._isam.is_updated:
+            return self.landmark_covariance(landmarks)
+        windows = {number for each in (*around, *landmarks) for number in self._windows.of(each)}
+        pieces = [self._piece(number) for number in sorted(windows)]
+        try:
+            found = covariance_by(pieces, self._last_piece(), landmarks)
+        except GraphError as error:
+            self._incidents.append(f"covariance by the whole graph: {error}")
+            found = None
+        return self.landmark_covariance(landmarks) if found is None else found
+
+    def _piece(self, number: int) -> Piece:
+        """A window where it is now."""
+        window = self._windows[number]
+        return Piece(
+            window.first,
+            window.last,
+            tuple(window.landmarks.tolist()),
+            *linearized(
+                window.condensed,
+                self.pose(window.first).as_array(),
+                self.pose(window.last).as_array(),
+                np.array([self.landmark(k) for k in window.landmarks.tolist()]).reshape(-1, 2),
+            )[1:],
+        )
+
+    def _last_piece(self) -> Piece:
+        """What is not condensed as yet, condensed for once."""
+        last = self.num_poses - 1
+        first = last
+        while first > 0 and self._windows.of_motion(first) == NONE:
+            first -= 1
+        rows = self._log.rows_of_poses(first + 1, last)
+        poses = np.array([self.pose(k).as_array() for k in range(first, last + 1)])
+        names, condensed = self._condense(first, last, rows)
+        landmarks = tuple(names[:, 0].tolist())
+        places = np.array([self.landmark(k) for k in landmarks]).reshape(-1, 2)
+        return Piece(
+            first, last, landmarks, *linearized(condensed, poses[0], poses[-1], places)[1:]
+        )
+
     def landmark_covariances(self, landmarks: Sequence[int]) -> FloatArray:
         """(n, 2, 2) marginal covariance of each landmark, in map."""
         keys = [landmark_key(landmark) for landmark in landmarks]
@@ -439,12 +489,12 @@ class FactorGraph:
         if (self._log.landmarks[waiting] == landmark).any():
             raise GraphError(f"landmark {landmark}: update the graph before it is taken out")
 
-    def _misfit(self, sighting: Sighting, place: FloatArray) -> float:
-        """Chi-square of a sighting, if its landmark were at a place (2,)."""
-        predicted = predict(self.pose(sighting.pose), place[None])
-        measured = np.array([sighting.range_m]), np.array([sighting.bearing])
-        innovation = innovations(predicted, *measured)[0]
-        return float(mahalanobis2(innovation, sighting.covariance))
+    def _misfits(self, rows: IntArray, place: FloatArray) -> FloatArray:
+        """(k,) chi-squares of sightings, if their landmark were at a place (2,)."""
+        log = self._log
+        predicted = np.array([predict(self.pose(k), place[None])[0] for k in log.poses[rows]])
+        differences = innovations(predicted, *log.polar[rows].T)
+        return mahalanobis2(differences, log.covariances(rows))
 
     def _live(self, rows: IntArray) -> list[int]:
         """The sightings that are factors of their own."""

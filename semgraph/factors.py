@@ -1,6 +1,5 @@
 """What the graph is made of: odometry and sightings, as values and as GTSAM's factors."""
 
-import math
 from dataclasses import dataclass
 from typing import Any, Final, Self
 
@@ -10,9 +9,9 @@ from gtsam.symbol_shorthand import L, X
 from numpy.typing import NDArray
 
 from semgraph.arrays import FloatArray, IntArray
-from semgraph.condensation import Condensed
+from semgraph.condensation import Condensed, linearized
 from semgraph.errors import GraphError
-from semgraph.geometry import Pose2, UncertainPose2, frozen_covariance, wrap_angle
+from semgraph.geometry import Pose2, UncertainPose2, frozen_covariance
 from semgraph.landmarks import Perceptions
 
 # A sighting within this chi-square is taken as it is, one beyond it ever less (DCS; Agarwal 2013).
@@ -168,37 +167,22 @@ def condensed_factor(
         _: gtsam.CustomFactor, values: gtsam.Values, jacobians: Any | None
     ) -> NDArray[np.float64]:
         first_pose, last_pose = values.atPose2(keys[0]), values.atPose2(keys[1])
-        x, y, theta = first_pose.x(), first_pose.y(), first_pose.theta()
-        c, s = math.cos(theta), math.sin(theta)
-        first_R_map = np.array([[c, s], [-s, c]])
         places = np.array([values.atPoint2(key) for key in keys[2:]]).reshape(-1, 2)
-        first_t = (places - (x, y))[columns] @ first_R_map.T
-        dx, dy = last_pose.x() - x, last_pose.y() - y
-        moved = Pose2(c * dx + s * dy, c * dy - s * dx, wrap_angle(last_pose.theta() - theta))
-        off = Pose2.from_array(condensed.first_T_last).between(moved)
-        root = condensed.root.astype(np.float64)
+        errors, by_first, by_last, by_things = linearized(
+            condensed,
+            np.array([first_pose.x(), first_pose.y(), first_pose.theta()]),
+            np.array([last_pose.x(), last_pose.y(), last_pose.theta()]),
+            places[columns],
+        )
         if jacobians is not None:
-            by_last = root[:, :3] @ _turned(off.theta)
-            of_things = root[:, 3:].reshape(len(root), -1, 2)
-            by_first = -by_last @ moved.inverse().adjoint()
-            by_first[:, :2] -= of_things.sum(axis=1)
-            by_first[:, 2] -= root[:, 3:] @ np.column_stack([-first_t[:, 1], first_t[:, 0]]).ravel()
             jacobians[0], jacobians[1] = by_first, by_last
-            by_things = of_things @ first_R_map
             if not is_each_own:
                 by_things = _summed(by_things, columns, len(names))
             for k in range(len(names)):
                 jacobians[k + 2] = by_things[:, k]
-        errors = np.concatenate([off.as_array(), (first_t - condensed.first_t_things).ravel()])
-        whitened: NDArray[np.float64] = root @ errors
-        return whitened
+        return np.asarray(errors, dtype=np.float64)
 
     return gtsam.CustomFactor(noise, keys, error)
-
-
-def _turned(angle: float) -> FloatArray:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _summed(by_things: FloatArray, columns: IntArray, count: int) -> FloatArray:

@@ -1,9 +1,13 @@
 """Arrays that grow row by row: numbers of millions of things, a few bytes each."""
 
+from array import array
+from collections.abc import Iterator
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from semgraph.arrays import IntArray
 
 
 @final
@@ -37,3 +41,23 @@ class Growing:
         self._rows[self._size] = row
         self._size += 1
         return self._size - 1
+
+
+@final
+class Ragged:
+    """Rows of numbers below 2^31, each of a length of its own; four bytes a number."""
+
+    def __init__(self) -> None:
+        self._numbers, self._ends = array("i"), array("q", [0])
+
+    def __len__(self) -> int:
+        return len(self._ends) - 1
+
+    def __iter__(self) -> Iterator[IntArray]:
+        for start, end in zip(self._ends[:-1], self._ends[1:], strict=True):
+            yield np.array(self._numbers[start:end], dtype=np.int64)
+
+    def append(self, numbers: IntArray) -> None:
+        """One row more."""
+        self._numbers.extend(numbers.tolist())
+        self._ends.append(len(self._numbers))

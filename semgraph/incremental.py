@@ -201,17 +201,21 @@ class Incremental:
 
     def jacobian(self) -> tuple[csr_matrix, dict[int, IntArray]]:
         """Of all factors where everything is now, whitened; and the columns of each key."""
-        linear = self._isam.getFactorsUnsafe().linearize(self._isam.calculateEstimate())
-        row, column, value = linear.sparseJacobian_()
-        widths = {key: 2 if key < X(0) else 3 for key in sorted(linear.keys())}
-        starts = np.cumsum([0, *widths.values()])
-        columns = {
-            key: np.arange(start, start + width)
-            for (key, width), start in zip(widths.items(), starts[:-1].tolist(), strict=True)
-        }
-        # The last column is the right side.
-        whole = csr_matrix((value, (row.astype(np.int64) - 1, column.astype(np.int64) - 1)))
-        return whole[:, : starts[-1]], columns
+        return _whitened(self._isam.getFactorsUnsafe().linearize(self._isam.calculateEstimate()))
+
+
+def _whitened(linear: gtsam.GaussianFactorGraph) -> tuple[csr_matrix, dict[int, IntArray]]:
+    """The matrix of a linear graph, and the columns of each key."""
+    row, column, value = linear.sparseJacobian_()
+    widths = {key: 2 if key < X(0) else 3 for key in sorted(linear.keys())}
+    starts = np.cumsum([0, *widths.values()])
+    columns = {
+        key: np.arange(start, start + width)
+        for (key, width), start in zip(widths.items(), starts[:-1].tolist(), strict=True)
+    }
+    # The last column is the right side.
+    whole = csr_matrix((value, (row.astype(np.int64) - 1, column.astype(np.int64) - 1)))
+    return whole[:, : starts[-1]], columns
 
 
 def _read(values: gtsam.Values) -> Values:

@@ -7,7 +7,8 @@ against that, they are two again. What moves is taken out; what is not seen ofte
 tentative, out of the map; what is no longer seen where it should be is gone.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from array import array
+from collections.abc import Callable, Iterable, Sequence, Set
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,7 @@ from semgraph.factor_graph import Checkpoint, FactorGraph
 from semgraph.factors import Sighting
 from semgraph.fast_estimator import FastStep
 from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.growing import Ragged
 from semgraph.keyframes import Keyframes
 from semgraph.landmark_registry import LandmarkRegistry, Merge
 from semgraph.landmarks import Gone, Kind, Landmark, Perceptions
@@ -73,8 +75,8 @@ class Smoother:
         self._moving: list[Track] = []
         self._looks = {kind: Tally() for kind in Kind}
         self._reliabilities = dict.fromkeys(Kind, (0, 0.0))
-        self._stamps_ns: list[int] = []
-        self._tracker_ids: list[IntArray] = []
+        self._stamps_ns = array("q")
+        self._tracker_ids = Ragged()
         self._last_fast: Pose2 | None = None
         self._guess = map_T_start
         self._decisions: list[Decision] = []
@@ -323,8 +325,8 @@ class Smoother:
         self._drop_moving()
         in_sight = self._in_sight()
         recent = sorted({track.landmark for track in in_sight})
-        if any(track.is_due for track in in_sight):
-            self._look_for_closures(recent)
+        if due := {track.landmark for track in in_sight if track.is_due}:
+            self._look_for_closures(recent, due)
             for track in in_sight:
                 track.tested = track.known.num_sightings
         if self._take_back(self._registry.due(recent, self._scan)):
@@ -332,12 +334,12 @@ class Smoother:
         last = self._graph.pose(self._graph.num_poses - 1)
         self._guess = last @ self._keyframes.since_last.pose
 
-    def _look_for_closures(self, recent: Sequence[int]) -> None:
+    def _look_for_closures(self, recent: Sequence[int], due: Set[int]) -> None:
         """Pairs by the gates; where these hold all and nothing, the place by its constellation."""
         graph, landmarks = self._graph, self._registry.landmarks
         odds = float(np.log(self._settings.closure_odds))
         if not is_lost(graph):
-            self._close(find_closures(graph, landmarks, recent, odds))
+            self._close(find_closures(graph, landmarks, recent, odds, due))
         elif found := recognise(graph, landmarks, recent, odds):
             self._find_itself(found)
 

@@ -169,3 +169,15 @@ def test_the_jacobians_of_a_condensed_factor_are_its_derivatives(names: list[int
             column += 1
     np.testing.assert_allclose(A, numeric, atol=1e-3 * np.abs(A).max())
     assert np.isfinite(b).all()
+
+
+def test_covariances_by_the_pieces_around_are_those_of_the_whole_but_for_what_is_far() -> None:
+    """Of differences: as if the last pose were known they do not change where landmarks meet."""
+    graph = driven(drive(1, num_poses=40), 6, halves)
+    names = [0, 10, 3, 13]
+    whole, around = graph.landmark_covariance(names), graph.covariance_around(names, names)
+    assert graph.incidents == ()
+    for first in (0, 2):
+        apart = np.kron(np.eye(4)[first] - np.eye(4)[first + 1], np.eye(2))
+        expected, found = (np.trace(apart @ each @ apart.T) for each in (whole, around))
+        assert 0.99 * expected < found < 1.5 * expected

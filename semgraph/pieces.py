@@ -1,0 +1,100 @@
+"""Covariances out of pieces of a graph: a few condensed stretches, whatever else there is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from semgraph.arrays import FloatArray
+from semgraph.errors import GraphError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """A stretch between two poses of the graph, linearized and whitened.
+
+    Attributes:
+        first, last: its poses.
+        landmarks: (n) that its things are; several may be one.
+        by_first, by_last, by_things: (d, 3), (d, 3), (d, n, 2).
+    """
+
+    first: int
+    last: int
+    landmarks: tuple[int, ...]
+    by_first: FloatArray
+    by_last: FloatArray
+    by_things: FloatArray
+
+
+def covariance_by(
+    pieces: Sequence[Piece], newest: Piece, landmarks: Sequence[int]
+) -> FloatArray | None:
+    """(2n, 2n) joint covariance of landmarks as if the newest piece's last pose were known.
+
+    Pieces that do not hang together with the newest one are left out; None where a landmark does
+    not either. What all other factors know could only make it smaller.
+
+    Raises:
+        GraphError: the pieces are nearly singular.
+    """
+    chosen = _connected(pieces, newest)
+    places = sorted({landmark for piece in chosen for landmark in piece.landmarks})
+    poses = sorted({pose for piece in chosen for pose in (piece.first, piece.last)} - {newest.last})
+    columns = {pose: 2 * len(places) + 3 * k for k, pose in enumerate(poses)}
+    of = {landmark: 2 * k for k, landmark in enumerate(places)}
+    if not of.keys() >= set(landmarks):
+        return None
+    size = 2 * len(places) + 3 * len(poses)
+    information = np.zeros((size, size))
+    for piece in chosen:
+        _add(information, piece, columns, of)
+    scale = np.diag(information) ** 0.5
+    if not (scale > 0.0).all():
+        raise GraphError("some variable has no information")
+    rows = np.array([of[landmark] + k for landmark in landmarks for k in range(2)])
+    unit = np.zeros((size, len(rows)))
+    unit[rows, np.arange(len(rows))] = 1.0
+    try:
+        solved = np.linalg.solve(information / np.outer(scale, scale), unit)[rows]
+        covariance: FloatArray = solved / np.outer(scale[rows], scale[rows])
+        covariance = 0.5 * (covariance + covariance.T)
+        np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        raise GraphError("pieces of the graph are nearly singular") from None
+    return covariance
+
+
+def _add(
+    information: FloatArray, piece: Piece, columns: dict[int, int], of: dict[int, int]
+) -> None:
+    """Adds what a piece says; that of a known pose falls away."""
+    by = [piece.by_things.reshape(len(piece.by_first), -1)]
+    where = [of[landmark] + k for landmark in piece.landmarks for k in range(2)]
+    for pose, by_pose in ((piece.first, piece.by_first), (piece.last, piece.by_last)):
+        if pose in columns:
+            by.append(by_pose)
+            where += range(columns[pose], columns[pose] + 3)
+    A = np.hstack(by)
+    rows = np.array(where)
+    np.add.at(information, (rows[:, None], rows[None, :]), A.T @ A)
+
+
+def _connected(pieces: Sequence[Piece], newest: Piece) -> list[Piece]:
+    """Those that share poses or landmarks with the newest one, or with each other up to it."""
+    chosen, left = [newest], list(pieces)
+    poses, landmarks = {newest.first, newest.last}, set(newest.landmarks)
+    while True:
+        joining = [
+            piece
+            for piece in left
+            if not poses.isdisjoint((piece.first, piece.last))
+            or not landmarks.isdisjoint(piece.landmarks)
+        ]
+        if not joining:
+            return chosen
+        chosen += joining
+        left = [piece for piece in left if piece not in joining]
+        for piece in joining:
+            poses |= {piece.first, piece.last}
+            landmarks |= set(piece.landmarks)
