@@ -24,7 +24,7 @@ def driven(made: Drive, window_poses: int, name: object = None) -> FactorGraph:
 
 
 def num_condensed(graph: FactorGraph) -> int:
-    return sum(graph._windows.of_pose(pose) != NONE for pose in range(graph.num_poses))
+    return sum(graph._solver.windows.of_pose(pose) != NONE for pose in range(graph.num_poses))
 
 
 def optimum(graph: FactorGraph) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -125,7 +125,7 @@ def test_motions_nothing_is_sure_of_are_never_condensed() -> None:
     made = drive(7, num_poses=30)
     made.motions[9] = type(made.motions[9])(made.motions[9].pose, np.diag([5.0, 5.0, 1.0]))
     graph = driven(made, 6)
-    assert graph._windows.of_motion(10) == NONE
+    assert graph._solver.windows.of_motion(10) == NONE
     assert num_condensed(graph) > 10
 
 

@@ -360,5 +360,5 @@ def test_covariances_along_the_chain_are_joint_marginals() -> None:
     for pose in (1, 39, 40, 41, 50):
         np.testing.assert_allclose(covariances[pose], graph.pose_covariance(pose), rtol=1e-6)
     for pose in (39, 40):
-        joint = graph._joint([X(pose), X(pose + 1)])
+        joint = graph._covariances.joint([X(pose), X(pose + 1)])
         np.testing.assert_allclose(crosses[pose], joint[:3, 3:], rtol=1e-6, atol=1e-12)
