@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from semgraph.arrays import FloatArray
-from semgraph.errors import GraphError
+from semgraph.information import Information
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,39 +46,31 @@ def covariance_by(
     of = {landmark: 2 * k for k, landmark in enumerate(places)}
     if not of.keys() >= set(landmarks):
         return None
-    size = 2 * len(places) + 3 * len(poses)
-    information = np.zeros((size, size))
-    for piece in chosen:
-        _add(information, piece, columns, of)
-    scale = np.diag(information) ** 0.5
-    if not (scale > 0.0).all():
-        raise GraphError("some variable has no information")
-    rows = np.array([of[landmark] + k for landmark in landmarks for k in range(2)])
-    unit = np.zeros((size, len(rows)))
-    unit[rows, np.arange(len(rows))] = 1.0
-    try:
-        solved = np.linalg.solve(information / np.outer(scale, scale), unit)[rows]
-        covariance: FloatArray = solved / np.outer(scale[rows], scale[rows])
-        covariance = 0.5 * (covariance + covariance.T)
-        np.linalg.cholesky(covariance)
-    except np.linalg.LinAlgError:
-        raise GraphError("pieces of the graph are nearly singular") from None
-    return covariance
+    jacobian = _together(chosen, columns, of)
+    asked = np.array([of[landmark] + k for landmark in landmarks for k in range(2)])
+    return Information(jacobian).covariance(asked)
 
 
-def _add(
-    information: FloatArray, piece: Piece, columns: dict[int, int], of: dict[int, int]
-) -> None:
-    """Adds what a piece says; that of a known pose falls away."""
-    by = [piece.by_things.reshape(len(piece.by_first), -1)]
-    where = [of[landmark] + k for landmark in piece.landmarks for k in range(2)]
-    for pose, by_pose in ((piece.first, piece.by_first), (piece.last, piece.by_last)):
-        if pose in columns:
-            by.append(by_pose)
-            where += range(columns[pose], columns[pose] + 3)
-    A = np.hstack(by)
-    rows = np.array(where)
-    np.add.at(information, (rows[:, None], rows[None, :]), A.T @ A)
+def _together(pieces: Sequence[Piece], columns: dict[int, int], of: dict[int, int]) -> csr_matrix:
+    """All pieces in one matrix; what they say of a known pose falls away."""
+    values, rows, wheres, height = [], [], [], 0
+    for piece in pieces:
+        by = [piece.by_things.reshape(len(piece.by_first), -1)]
+        where = [of[landmark] + k for landmark in piece.landmarks for k in range(2)]
+        for pose, by_pose in ((piece.first, piece.by_first), (piece.last, piece.by_last)):
+            if pose in columns:
+                by.append(by_pose)
+                where += range(columns[pose], columns[pose] + 3)
+        A = np.hstack(by)
+        values.append(A.ravel())
+        rows.append(np.repeat(height + np.arange(len(A)), A.shape[1]))
+        wheres.append(np.tile(where, len(A)))
+        height += len(A)
+    shape = height, 2 * len(of) + 3 * len(columns)
+    parts = (np.concatenate(each) for each in (values, rows, wheres))
+    value, row, column = parts
+    # Those of one place, from tracks that are one landmark, add up.
+    return csr_matrix((value, (row, column)), shape=shape)
 
 
 def _connected(pieces: Sequence[Piece], newest: Piece) -> list[Piece]:
