@@ -18,6 +18,8 @@ from semgraph.windows import NONE
 
 Answer = TypeVar("Answer")
 _LEAST_SIGMA_M: Final = 1e-3
+# Up to so many condensed stretches the whole graph is asked as quickly as what is around.
+_FEW_WINDOWS: Final = 150
 
 
 @final
@@ -45,10 +47,10 @@ class GraphCovariances:
         """(2n, 2n) joint covariance of landmarks as if the last pose were known, in map.
 
         By what is not condensed and what else was sighted together with those `around`: what lies
-        farther off could make it smaller, but it costs as much as the run is long. As it is where
-        that does not connect them, or nothing is condensed.
+        farther off could make it smaller, but it costs as much as the run is long. That of all the
+        graph where these do not connect them, or little is condensed.
         """
-        if not len(self._solver.windows) or not self._solver.isam.is_updated:
+        if len(self._solver.windows) <= _FEW_WINDOWS or not self._solver.isam.is_updated:
             return self.of_landmarks_together(landmarks)
         windows = {
             number for each in (*around, *landmarks) for number in self._solver.windows.of(each)
