@@ -106,7 +106,7 @@ class FactorGraph:
         if self._solver.windows.of_motion(sighting.pose) != NONE:
             raise GraphError(f"sighting from pose {sighting.pose}: that is condensed already")
         check_sighting(sighting)
-        self._solver.add_sighting(self._solver.log.add_sighting(sighting))
+        self._solver.add_sighting(self._solver.log.add_sighting(sighting), sighting)
 
     def merge(self, gone: int, kept: int) -> None:
         """Makes two landmarks one with the next update: sightings of `gone` become `kept`'s.

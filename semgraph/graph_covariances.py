@@ -38,6 +38,7 @@ class GraphCovariances:
             None if len(solver.windows) else 3 * solver.log.num_poses + 2 * len(solver.log)
         )
         self._covariances = Covariances(solver.isam, num_columns, solver.incidents)
+        self._of_poses: dict[int, FloatArray] = {}
 
     def of_landmarks_together(self, landmarks: Sequence[int]) -> FloatArray:
         """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
@@ -87,8 +88,10 @@ class GraphCovariances:
 
     def of_pose(self, index: int) -> FloatArray:
         """(3, 3) marginal covariance of a pose, (x, y, theta) in its own frame."""
-        self._uncondense([index])
-        return self.joint([pose_key(index)])
+        if index not in self._of_poses:
+            self._uncondense([index])
+            self._of_poses[index] = self.joint([pose_key(index)])
+        return self._of_poses[index]
 
     def of_poses(self, indices: Sequence[int]) -> FloatArray:
         """(n, 3, 3) marginal covariance of each pose, (x, y, theta) in its own frame."""

@@ -14,7 +14,13 @@ import numpy as np
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.condensation import Condensed, follow
 from semgraph.errors import GraphError
-from semgraph.factors import condensed_factor, motion_factor, prior_factor, sighting_factor
+from semgraph.factors import (
+    Sighting,
+    condensed_factor,
+    motion_factor,
+    prior_factor,
+    sighting_factor,
+)
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.graph_log import GraphLog
 from semgraph.growing import Growing
@@ -115,9 +121,9 @@ class GraphSolver:
         )
         self.isam.add(factor, self.slots.motions, pose)
 
-    def add_sighting(self, row: int) -> None:
+    def add_sighting(self, row: int, sighting: Sighting) -> None:
         """With the next update the sighting of a row of the log is."""
-        factor = sighting_factor(self.log.sighting(row), is_firm=row in self.firm)
+        factor = sighting_factor(sighting, is_firm=row in self.firm)
         self.isam.add(factor, self.slots.sightings, row)
 
     def live(self, rows: IntArray) -> list[int]:
@@ -134,7 +140,7 @@ class GraphSolver:
         self.log.hand_over(rows, landmark)
         for row in self.live(rows):
             self.isam.remove(self.slots.sightings, row)
-            self.add_sighting(row)
+            self.add_sighting(row, self.log.sighting(row))
 
     def update(self, *, relinearize: bool = False) -> None:
         """Takes in all that was added since the last update.
@@ -299,7 +305,7 @@ class GraphSolver:
         self.isam.linearize_again(_SETTLING)
         for row in firm:
             self.isam.remove(self.slots.sightings, row)
-            self.add_sighting(row)
+            self.add_sighting(row, self.log.sighting(row))
         self.isam.update(relinearize=True)
 
     def _read_all(self) -> None:
@@ -329,7 +335,7 @@ class GraphSolver:
                 self.add_motion(pose)
         for landmark in self.log.names():
             for row in self.live(self.log.rows(landmark)):
-                self.add_sighting(row)
+                self.add_sighting(row, self.log.sighting(row))
         self.windows.changed.update(range(len(self.windows)))
         self.add_windows()
         for pose, row in enumerate(self._poses.rows):

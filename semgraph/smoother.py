@@ -29,7 +29,7 @@ from semgraph.keyframes import Keyframes
 from semgraph.landmark_registry import LandmarkRegistry, Merge
 from semgraph.landmarks import Gone, Kind, Landmark, Perceptions
 from semgraph.loop_closure import Closure, GraphLandmark, density, duplicates, find_closures
-from semgraph.measurement_model import CHI2_2DOF_999
+from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
 from semgraph.recognition import Recognition, is_lost, recognise
 from semgraph.tracks import Track
 from sensors.views import View
@@ -266,11 +266,15 @@ class Smoother:
         places, covariances = step.map_T_base.transform(
             perceptions.base_t_landmarks(), perceptions.base_covariances()
         )
-        away = [
-            track.look(step.stamp_ns, places[row], covariances[row])
+        moved = [
+            track.moved(step.stamp_ns, places[row], covariances[row])
             for track, row in zip(tracks, rows, strict=True)
         ]
-        if len(away) >= _LEAST_TO_JUDGE and 2 * sum(away) < len(away):
+        if len(moved) < _LEAST_TO_JUDGE:
+            return
+        distances2 = mahalanobis2(*(np.array(each) for each in zip(*moved, strict=True)))
+        away = (distances2 > CHI2_2DOF_999).tolist()
+        if 2 * sum(away) < len(away):
             for track, is_away in zip(tracks, away, strict=True):
                 track.note(is_away=is_away)
 

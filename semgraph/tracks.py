@@ -67,13 +67,22 @@ class Track:
             odom_t_thing: (2,) m in the frame that drifts but does not jump.
             covariance: (2, 2) m2 of it.
         """
+        return bool(mahalanobis2(*self.moved(stamp_ns, odom_t_thing, covariance)) > CHI2_2DOF_999)
+
+    def moved(
+        self, stamp_ns: int, odom_t_thing: FloatArray, covariance: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """How far (2,) m it is from where it was up to 2 s before, and the (2, 2) m2 of that.
+
+        As `look`, for many tracks to be judged at once.
+        """
         self._places.append((stamp_ns, odom_t_thing, covariance))
         while stamp_ns - self._places[0][0] > _SPAN_NS:
             del self._places[0]
         _, before, its_covariance = self._places[0]
         outline2 = self.known.outline_sigma_m() ** 2
         S = covariance + its_covariance + (_DRIFT_M**2 + 2.0 * outline2) * np.eye(2)
-        return bool(mahalanobis2(odom_t_thing - before, S) > CHI2_2DOF_999)
+        return odom_t_thing - before, S
 
     def note(self, *, is_away: bool) -> None:
         """What is away in 3 of 5 looks moves."""
