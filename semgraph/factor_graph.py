@@ -29,7 +29,7 @@ class FactorGraph:
     Args:
         map_T_start: of pose 0.
         window_poses: so many poses are condensed into one factor once as many have followed;
-            0 for none. It must not be less than come between two updates.
+            0 for none.
 
     Raises:
         GraphError: the start has no positive definite covariance.
@@ -171,7 +171,13 @@ class FactorGraph:
         for number in numbers:
             first, last = windows[number].first, windows[number].last
             rows = np.array(self._solver.log.known(windows[number].rows.tolist()), dtype=np.int64)
-            windows.replace(number, *self._solver.condense(first, last, rows))
+            try:
+                windows.replace(number, *self._solver.condense(first, last, rows))
+            except GraphError as error:
+                self._solver.incidents.append(f"nothing is condensed any more: {error}")
+                self._solver.uncondense()
+                self._covariances.forget()
+                return
         windows.forget(landmark)
 
     def weakest_link(self, since_pose: int) -> int:

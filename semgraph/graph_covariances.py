@@ -18,8 +18,6 @@ from semgraph.windows import NONE
 
 Answer = TypeVar("Answer")
 _LEAST_SIGMA_M: Final = 1e-3
-# Up to so many condensed stretches the whole graph is asked as quickly as what is around.
-_FEW_WINDOWS: Final = 150
 
 
 @final
@@ -49,9 +47,9 @@ class GraphCovariances:
 
         By what is not condensed and what else was sighted together with those `around`: what lies
         farther off could make it smaller, but it costs as much as the run is long. That of all the
-        graph where these do not connect them, or little is condensed.
+        graph where these do not connect them, or nothing is condensed.
         """
-        if len(self._solver.windows) <= _FEW_WINDOWS or not self._solver.isam.is_updated:
+        if not len(self._solver.windows) or not self._solver.isam.is_updated:
             return self.of_landmarks_together(landmarks)
         windows = {
             number for each in (*around, *landmarks) for number in self._solver.windows.of(each)
@@ -163,7 +161,9 @@ class GraphCovariances:
             return ask(self._covariances)
 
     def _uncondense(self, poses: Sequence[int]) -> None:
-        if self._solver.uncondense(poses):
+        """Builds the whole graph, if one of these poses was given up."""
+        if any(self._solver.windows.of_pose(pose) != NONE for pose in poses):
+            self._solver.uncondense()
             self.forget()
 
     def _places(self, landmarks: Sequence[int]) -> FloatArray:

@@ -5,7 +5,6 @@ After an update only what is asked for is read: reading everything would cost mo
 the longer the run the more. Poses that lie back are condensed, window by window.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, final
 
@@ -217,14 +216,11 @@ class GraphSolver:
         places = {name: self.landmark(name) for name in names}
         return self.windows.condensed(first, rows, poses, places)
 
-    def uncondense(self, poses: Sequence[int]) -> bool:
-        """Builds the whole graph, if one of these poses was given up; whether that was so."""
-        if not any(self.windows.of_pose(pose) != NONE for pose in poses):
-            return False
+    def uncondense(self) -> None:
+        """Builds the whole graph; what there is as yet is not condensed again."""
         estimate = self.estimate()
         self.windows.clear(self.last)
         self.start_from(estimate)
-        return True
 
     def start_from(self, estimate: GraphEstimate) -> None:
         """Builds the graph from the log, with everything here and nothing waiting."""
@@ -234,7 +230,6 @@ class GraphSolver:
                 self.move(landmark, place)
         self._is_current = True
         self.rebuild()
-        self._settled()
 
     def rebuild(self) -> None:
         """A new iSAM2 over the whole log, at the last good estimate; by QR if it must be.
@@ -254,6 +249,7 @@ class GraphSolver:
             except UpdateError as error:
                 failure = error
             else:
+                self._settled()
                 return
         self.isam, self.slots = old
         self.isam.factorization = "QR"

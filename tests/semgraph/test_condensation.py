@@ -171,11 +171,8 @@ def test_the_jacobians_of_a_condensed_factor_are_its_derivatives(names: list[int
     assert np.isfinite(b).all()
 
 
-def test_covariances_by_the_pieces_around_are_those_of_the_whole_but_for_what_is_far(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_covariances_by_the_pieces_around_are_those_of_the_whole_but_for_what_is_far() -> None:
     """Of differences: as if the last pose were known they do not change where landmarks meet."""
-    monkeypatch.setattr("semgraph.graph_covariances._FEW_WINDOWS", 0)
     graph = driven(drive(1, num_poses=40), 6, halves)
     names = [0, 10, 3, 13]
     whole, around = graph.landmark_covariance(names), graph.covariance_around(names, names)
@@ -184,3 +181,23 @@ def test_covariances_by_the_pieces_around_are_those_of_the_whole_but_for_what_is
         apart = np.kron(np.eye(4)[first] - np.eye(4)[first + 1], np.eye(2))
         expected, found = (np.trace(apart @ each @ apart.T) for each in (whole, around))
         assert 0.99 * expected < found < 1.5 * expected
+
+
+def test_where_a_stretch_cannot_be_condensed_anew_nothing_is_condensed_any_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = drive(5, num_poses=30)
+    whole, graph = (driven(made, length) for length in (0, 6))
+
+    def refuse(*_: object) -> None:
+        raise GraphError("a stretch is nearly singular")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("semgraph.windows.condense", refuse)
+        graph.remove(1)
+    whole.remove(1)
+    whole.update()
+    graph.update()
+    assert num_condensed(graph) == 0
+    assert graph.incidents == ("nothing is condensed any more: a stretch is nearly singular",)
+    assert_close(optimum(graph), optimum(whole))
