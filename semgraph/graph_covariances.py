@@ -47,7 +47,7 @@ class GraphCovariances:
 
         By what is not condensed and what else was sighted together with those `around`: what lies
         farther off could make it smaller, but it costs as much as the run is long. That of all the
-        graph where these do not connect them, or nothing is condensed.
+        graph where these do not hold them together, or nothing is condensed.
         """
         if not len(self._solver.windows) or not self._solver.isam.is_updated:
             return self.of_landmarks_together(landmarks)
@@ -56,10 +56,11 @@ class GraphCovariances:
         }
         pieces = [self._piece(number) for number in sorted(windows)]
         try:
-            found = covariance_by(pieces, self._last_piece(), landmarks)
+            newest = self._last_piece()
         except GraphError as error:
             self._solver.incidents.append(f"covariance by the whole graph: {error}")
-            found = None
+            return self.of_landmarks_together(landmarks)
+        found = covariance_by(pieces, newest, landmarks)
         return self.of_landmarks_together(landmarks) if found is None else found
 
     def of_landmarks(self, landmarks: Sequence[int]) -> FloatArray:

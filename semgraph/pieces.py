@@ -2,12 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from semgraph.arrays import FloatArray
+from semgraph.errors import GraphError
 from semgraph.information import Information
+
+_WELL_KNOWN_M: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,11 +37,8 @@ def covariance_by(
 ) -> FloatArray | None:
     """(2n, 2n) joint covariance of landmarks as if the newest piece's last pose were known.
 
-    Pieces that do not hang together with the newest one are left out; None where a landmark does
-    not either. What all other factors know could only make it smaller.
-
-    Raises:
-        GraphError: the pieces are nearly singular.
+    What all other factors know could only make it smaller. None where that is needed: where the
+    pieces do not hold a landmark and the newest one together, to half a metre.
     """
     chosen = _connected(pieces, newest)
     places = sorted({landmark for piece in chosen for landmark in piece.landmarks})
@@ -48,7 +49,12 @@ def covariance_by(
         return None
     jacobian = _together(chosen, columns, of)
     asked = np.array([of[landmark] + k for landmark in landmarks for k in range(2)])
-    return Information(jacobian).covariance(asked)
+    try:
+        covariance = Information(jacobian).covariance(asked)
+    except GraphError:
+        # Pieces with one landmark in common turn about it as they like.
+        return None
+    return covariance if np.diag(covariance).max() <= _WELL_KNOWN_M**2 else None
 
 
 def _together(pieces: Sequence[Piece], columns: dict[int, int], of: dict[int, int]) -> csr_matrix:

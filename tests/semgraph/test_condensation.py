@@ -10,6 +10,7 @@ from semgraph.errors import GraphError
 from semgraph.factor_graph import FactorGraph
 from semgraph.factors import Sighting, condensed_factor
 from semgraph.graph_log import GraphLog
+from semgraph.pieces import Piece, covariance_by
 from semgraph.windows import NONE, Windows
 from tests.semgraph.drives import LANDMARKS, NOISE, START, Drive, add_scan, drive, halves, polished
 
@@ -181,6 +182,35 @@ def test_covariances_by_the_pieces_around_are_those_of_the_whole_but_for_what_is
         apart = np.kron(np.eye(4)[first] - np.eye(4)[first + 1], np.eye(2))
         expected, found = (np.trace(apart @ each @ apart.T) for each in (whole, around))
         assert 0.99 * expected < found < 1.5 * expected
+
+
+def turned_about(shared: int) -> Piece:
+    """Two poses that see landmarks 5 and 6, and so many of 0 and 1, to 1 cm."""
+    landmarks = (5, 6, *range(shared))
+    by_things = 100.0 * np.eye(6 + 2 * len(landmarks))[:, 6:].reshape(-1, len(landmarks), 2)
+    by_first, by_last = (np.zeros((len(by_things), 3)) for _ in range(2))
+    by_first[:3], by_last[:3] = 100.0 * np.eye(3), -100.0 * np.eye(3)
+    # In the pose's frame: all of them move and turn with it.
+    for k in range(len(landmarks)):
+        by_last[6 + 2 * k : 8 + 2 * k] = 100.0 * np.array([[-1.0, 0.0, float(k)], [0.0, -1.0, 1.0]])
+    return Piece(10, 11, landmarks, by_first, by_last, by_things)
+
+
+def test_pieces_that_turn_about_one_landmark_do_not_say_where_the_others_are() -> None:
+    newest = Piece(
+        20,
+        21,
+        (0, 1, 2),
+        100.0 * np.vstack([np.eye(3), np.zeros((6, 3))]),
+        np.zeros((9, 3)),
+        100.0 * np.vstack([np.zeros((3, 6)), np.eye(6)]).reshape(9, 3, 2),
+    )
+    assert covariance_by([turned_about(0)], newest, [2, 5]) is None
+    assert covariance_by([turned_about(1)], newest, [2, 5]) is None
+    known = covariance_by([turned_about(2)], newest, [2, 5])
+    assert known is not None
+    np.testing.assert_allclose(known[:2, :2], 1e-4 * np.eye(2), rtol=1e-6)
+    assert 1e-4 < known[2, 2] < 0.01
 
 
 def test_where_a_stretch_cannot_be_condensed_anew_nothing_is_condensed_any_more(
