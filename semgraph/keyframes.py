@@ -1,5 +1,6 @@
 """Which scans are poses of the graph, and how the scans between them hang on those."""
 
+from array import array
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,7 +23,7 @@ class Keyframes:
     """
 
     since_last: UncertainPose2 = _NOTHING
-    _poses: list[int] = field(default_factory=list)
+    _poses: "array[int]" = field(default_factory=lambda: array("i"))
     _between: dict[int, UncertainPose2] = field(default_factory=dict)
     _legs: dict[int, UncertainPose2] = field(default_factory=dict)
 

@@ -76,11 +76,10 @@ class LandmarkRegistry:
 
     def in_sight(self, since_scan: int) -> list[Track]:
         """The tracks sighted in that scan or later, of what does not move."""
-        self._in_sight = {
-            tracker_id: track
-            for tracker_id, track in self._in_sight.items()
-            if track.last_scan >= since_scan or track.last_scan < 0
-        }
+        for tracker_id, track in list(self._in_sight.items()):
+            if 0 <= track.last_scan < since_scan:
+                track.rest()
+                del self._in_sight[tracker_id]
         return [
             track
             for track in self._in_sight.values()

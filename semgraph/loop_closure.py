@@ -124,6 +124,7 @@ def find_closures(
     landmarks: dict[int, GraphLandmark],
     recent: Sequence[int],
     least_log_odds: float,
+    due: Set[int] | None = None,
 ) -> list[Closure]:
     """The landmarks among `recent` that are older ones, as far as it is sure enough.
 
@@ -132,9 +133,12 @@ def find_closures(
         landmarks: all that are in the graph.
         recent: those in sight now.
         least_log_odds: how sure is sure enough.
+        due: those of which there is new evidence, None for all; without a pair of one of these
+            nothing is asked of the graph.
     """
     if not recent:
         return []
+    due = set(recent) if due is None else due
     reach_m = _reach(graph)
     estimate = _surroundings(graph, recent, reach_m)
     old = _candidates(recent, estimate, reach_m)
@@ -143,9 +147,10 @@ def find_closures(
     allowed = np.zeros_like(near)
     for row, column in np.argwhere(near):
         allowed[row, column] = landmarks[recent[row]].may_be(landmarks[old[column]])
-    if not allowed.any():
+    if not any(allowed[row].any() for row, each in enumerate(recent) if each in due):
         return []
     rows, columns = np.flatnonzero(allowed.any(axis=1)), np.flatnonzero(allowed.any(axis=0))
+    in_sight = recent
     recent = [recent[row] for row in rows.tolist()]
     old = [old[column] for column in columns.tolist()]
     return _closures(
@@ -153,7 +158,7 @@ def find_closures(
         estimate,
         recent,
         old,
-        graph.landmark_covariance([*recent, *old]),
+        graph.covariance_around([*recent, *old], in_sight),
         allowed[np.ix_(rows, columns)],
         least_log_odds,
     )

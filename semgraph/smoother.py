@@ -7,7 +7,8 @@ against that, they are two again. What moves is taken out; what is not seen ofte
 tentative, out of the map; what is no longer seen where it should be is gone.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from array import array
+from collections.abc import Callable, Iterable, Sequence, Set
 from typing import Final
 
 import numpy as np
@@ -23,11 +24,12 @@ from semgraph.factor_graph import Checkpoint, FactorGraph
 from semgraph.factors import Sighting
 from semgraph.fast_estimator import FastStep
 from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.growing import Ragged
 from semgraph.keyframes import Keyframes
 from semgraph.landmark_registry import LandmarkRegistry, Merge
 from semgraph.landmarks import Gone, Kind, Landmark, Perceptions
 from semgraph.loop_closure import Closure, GraphLandmark, density, duplicates, find_closures
-from semgraph.measurement_model import CHI2_2DOF_999
+from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
 from semgraph.recognition import Recognition, is_lost, recognise
 from semgraph.tracks import Track
 from sensors.views import View
@@ -46,6 +48,7 @@ class SmootherSettings(BaseModel):
     closure_odds: float = Field(100.0, gt=1.0)
     duplicate_odds: float = Field(10.0, gt=1.0)
     in_sight_scans: int = Field(10, ge=0)
+    window_scans: int = Field(20, ge=0)
 
     def start(self, map_T_start: Pose2) -> UncertainPose2:
         """Where the run starts, as surely as the settings say."""
@@ -66,14 +69,14 @@ class Smoother:
 
     def __init__(self, settings: SmootherSettings, map_T_start: Pose2) -> None:
         self._settings = settings
-        self._graph = FactorGraph(settings.start(map_T_start))
+        self._graph = FactorGraph(settings.start(map_T_start), settings.window_scans)
         self._keyframes = Keyframes()
         self._registry = LandmarkRegistry()
         self._moving: list[Track] = []
         self._looks = {kind: Tally() for kind in Kind}
         self._reliabilities = dict.fromkeys(Kind, (0, 0.0))
-        self._stamps_ns: list[int] = []
-        self._tracker_ids: list[IntArray] = []
+        self._stamps_ns = array("q")
+        self._tracker_ids = Ragged()
         self._last_fast: Pose2 | None = None
         self._guess = map_T_start
         self._decisions: list[Decision] = []
@@ -194,7 +197,7 @@ class Smoother:
                 its.semantics(),
                 self._graph.landmark(landmark),
                 covariance,
-                len(self._graph.sightings(landmark)),
+                self._graph.num_sightings(landmark),
                 self._reliability(its),
             )
             for landmark, its, covariance in zip(landmarks, known, covariances, strict=True)
@@ -263,11 +266,15 @@ class Smoother:
         places, covariances = step.map_T_base.transform(
             perceptions.base_t_landmarks(), perceptions.base_covariances()
         )
-        away = [
-            track.look(step.stamp_ns, places[row], covariances[row])
+        moved = [
+            track.moved(step.stamp_ns, places[row], covariances[row])
             for track, row in zip(tracks, rows, strict=True)
         ]
-        if len(away) >= _LEAST_TO_JUDGE and 2 * sum(away) < len(away):
+        if len(moved) < _LEAST_TO_JUDGE:
+            return
+        distances2 = mahalanobis2(*(np.array(each) for each in zip(*moved, strict=True)))
+        away = (distances2 > CHI2_2DOF_999).tolist()
+        if 2 * sum(away) < len(away):
             for track, is_away in zip(tracks, away, strict=True):
                 track.note(is_away=is_away)
 
@@ -322,8 +329,8 @@ class Smoother:
         self._drop_moving()
         in_sight = self._in_sight()
         recent = sorted({track.landmark for track in in_sight})
-        if any(track.is_due for track in in_sight):
-            self._look_for_closures(recent)
+        if due := {track.landmark for track in in_sight if track.is_due}:
+            self._look_for_closures(recent, due)
             for track in in_sight:
                 track.tested = track.known.num_sightings
         if self._take_back(self._registry.due(recent, self._scan)):
@@ -331,12 +338,12 @@ class Smoother:
         last = self._graph.pose(self._graph.num_poses - 1)
         self._guess = last @ self._keyframes.since_last.pose
 
-    def _look_for_closures(self, recent: Sequence[int]) -> None:
+    def _look_for_closures(self, recent: Sequence[int], due: Set[int]) -> None:
         """Pairs by the gates; where these hold all and nothing, the place by its constellation."""
         graph, landmarks = self._graph, self._registry.landmarks
         odds = float(np.log(self._settings.closure_odds))
         if not is_lost(graph):
-            self._close(find_closures(graph, landmarks, recent, odds))
+            self._close(find_closures(graph, landmarks, recent, odds, due))
         elif found := recognise(graph, landmarks, recent, odds):
             self._find_itself(found)
 

@@ -1,6 +1,5 @@
 """One object while it stays in sight: a stretch of sightings, and whether it stays in its place."""
 
-from collections import deque
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -39,8 +38,8 @@ class Track:
     tested: int = 0
     is_moving: bool = False
     _last_ns: int = field(init=False)
-    _places: deque[tuple[int, FloatArray, FloatArray]] = field(default_factory=deque)
-    _away: deque[bool] = field(default_factory=lambda: deque(maxlen=_LOOKS))
+    _places: list[tuple[int, FloatArray, FloatArray]] = field(default_factory=list)
+    _away: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
         self._last_ns = self.first_ns
@@ -68,15 +67,31 @@ class Track:
             odom_t_thing: (2,) m in the frame that drifts but does not jump.
             covariance: (2, 2) m2 of it.
         """
+        return bool(mahalanobis2(*self.moved(stamp_ns, odom_t_thing, covariance)) > CHI2_2DOF_999)
+
+    def moved(
+        self, stamp_ns: int, odom_t_thing: FloatArray, covariance: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """How far (2,) m it is from where it was up to 2 s before, and the (2, 2) m2 of that.
+
+        As `look`, for many tracks to be judged at once.
+        """
         self._places.append((stamp_ns, odom_t_thing, covariance))
         while stamp_ns - self._places[0][0] > _SPAN_NS:
-            self._places.popleft()
+            del self._places[0]
         _, before, its_covariance = self._places[0]
         outline2 = self.known.outline_sigma_m() ** 2
         S = covariance + its_covariance + (_DRIFT_M**2 + 2.0 * outline2) * np.eye(2)
-        return bool(mahalanobis2(odom_t_thing - before, S) > CHI2_2DOF_999)
+        return odom_t_thing - before, S
 
     def note(self, *, is_away: bool) -> None:
         """What is away in 3 of 5 looks moves."""
-        self._away.append(is_away)
+        self._away = (*self._away, is_away)[-_LOOKS:]
         self.is_moving = self.is_moving or sum(self._away) >= _MOVED_LOOKS
+
+    def rest(self) -> None:
+        """It is out of sight, maybe for good: where it was last is all that is kept of its looks.
+
+        There are hundreds of thousands of tracks, and each had twenty looks.
+        """
+        self._places = self._places[-1:]

@@ -130,7 +130,7 @@ by_both_ways = pytest.mark.parametrize("dense", [0, 10**9])
 def test_covariances_are_the_marginals_of_the_batch_solution(
     monkeypatch: pytest.MonkeyPatch, dense: int
 ) -> None:
-    monkeypatch.setattr("semgraph.factor_graph._DENSE", dense)
+    monkeypatch.setattr("semgraph.covariances._DENSE", dense)
     made = drive(1)
     graph = polished(built(made))
     together = graph.pose_covariances(range(graph.num_poses))
@@ -151,7 +151,7 @@ def test_covariances_are_the_marginals_of_the_batch_solution(
 def test_joint_covariances_have_the_order_that_was_asked(
     monkeypatch: pytest.MonkeyPatch, order: Sequence[int], dense: int
 ) -> None:
-    monkeypatch.setattr("semgraph.factor_graph._DENSE", dense)
+    monkeypatch.setattr("semgraph.covariances._DENSE", dense)
     made = drive(1)
     graph = polished(built(made))
     solution = scipy_optimum(made, stacked(graph))
@@ -360,5 +360,5 @@ def test_covariances_along_the_chain_are_joint_marginals() -> None:
     for pose in (1, 39, 40, 41, 50):
         np.testing.assert_allclose(covariances[pose], graph.pose_covariance(pose), rtol=1e-6)
     for pose in (39, 40):
-        joint = graph._joint([X(pose), X(pose + 1)])
+        joint = graph._covariances.joint([X(pose), X(pose + 1)])
         np.testing.assert_allclose(crosses[pose], joint[:3, 3:], rtol=1e-6, atol=1e-12)

@@ -183,3 +183,26 @@ def test_a_landmark_may_wait_for_its_first_sighting() -> None:
     graph.polish()
     expected = graph.pose(8).transform(2.0 * np.array([[np.cos(0.5), np.sin(0.5)]]))[0]
     np.testing.assert_allclose(graph.landmark(9), expected, atol=1e-4)
+
+
+def test_after_a_covariance_that_only_qr_gives_every_factor_still_counts_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = drive(9)
+    graph, work = built(made), gtsam.ISAM2.marginalCovariance
+    calls = iter([True])
+
+    def refuse(isam: gtsam.ISAM2, key: int) -> FloatArray:
+        if next(calls, False):
+            raise RuntimeError("Indeterminant linear system near x5")
+        return np.asarray(work(isam, key))
+
+    monkeypatch.setattr(gtsam.ISAM2, "marginalCovariance", refuse)
+    graph.pose_covariance(8)
+    assert graph.incidents == (
+        "no covariance, QR from now on: Indeterminant linear system near x5",
+    )
+    assert graph.is_updated
+    before = graph.cost()
+    graph.update()
+    assert graph.cost() == pytest.approx(before)
