@@ -20,6 +20,7 @@ from semgraph.particles import (
     Gaussian,
     Particles,
     compose,
+    evenly_within,
     kld_number,
     log_sum,
     num_bins,
@@ -92,17 +93,15 @@ class ParticleFilter:
         fixed_map = self._likelihood.fixed_map
         n = self._num_spread(fixed_map.area_m2)
         points = self._rng.uniform(*fixed_map.bounds(), (n, 2))
-        self._spread(points, fixed_map.area_m2, Region())
+        headings = self._rng.uniform(-np.pi, np.pi, n)
+        self._spread(np.column_stack([points, headings]), fixed_map.area_m2, Region())
 
     def start_within(self, map_t_point: FloatArray, radius_m: float) -> None:
         """The robot is within a radius of a point (2,), its heading unknown."""
-        n = self._num_spread(np.pi * radius_m**2)
-        angles = self._rng.uniform(-np.pi, np.pi, n)
-        out_m = radius_m * np.sqrt(self._rng.uniform(0.0, 1.0, n))
-        around = np.column_stack([np.cos(angles), np.sin(angles)]) * out_m[:, None]
+        area_m2 = np.pi * radius_m**2
         x, y = map_t_point.tolist()
-        region = Region((x, y), radius_m, _START_IS_RIGHT)
-        self._spread(map_t_point + around, np.pi * radius_m**2, region)
+        poses = evenly_within((x, y), radius_m, self._num_spread(area_m2), self._rng)
+        self._spread(poses, area_m2, Region((x, y), radius_m, _START_IS_RIGHT))
 
     @property
     def elsewhere(self) -> Elsewhere:
@@ -126,10 +125,9 @@ class ParticleFilter:
         is_fine = _blur(2.0 * np.pi * area_m2 / most)[0] <= _COARSEST_M
         return most if is_fine else self._settings.least_particles
 
-    def _spread(self, map_t_points: FloatArray, area_m2: float, region: Region) -> None:
-        n = len(map_t_points)
-        headings = self._rng.uniform(-np.pi, np.pi, n)
-        self._particles = Particles.alike(np.column_stack([map_t_points, headings]))
+    def _spread(self, poses: FloatArray, area_m2: float, region: Region) -> None:
+        n = len(poses)
+        self._particles = Particles.alike(poses)
         self._region = region
         self._blur = _blur(2.0 * np.pi * area_m2 / n)
         self._follows = n > self._settings.least_particles
@@ -142,7 +140,7 @@ class ParticleFilter:
         perceptions: Perceptions,
         motion: UncertainPose2,
         lately: Perceptions | None = None,
-        carried_off: float | None = None,
+        leaps: float = 0.0,
     ) -> Belief:
         """The belief after a motion last_T_current and what is perceived then.
 
@@ -151,16 +149,15 @@ class ParticleFilter:
             motion: last_T_current.
             lately: all that was seen lately, each thing once, relative to base now; what is
                 perceived now where there is no more.
-            carried_off: the probability that it was no such motion; by default the settings'.
+            leaps: the probability that it was no such motion but a leap to somewhere near.
         """
-        self._move(motion, self._settings.carried_off if carried_off is None else carried_off)
+        self._move(motion, leaps)
         self._proposed = None
         if len(perceptions):
             self.usual.add(perceptions.ranges_m)
             evidence = 0.0
             if self._follows:
-                evidence = self._weigh(self._likelihood.see(perceptions))
-                evidence += self.by_numbers(self._particles.gaussian().mean)
+                evidence = self._evidence(self._likelihood.see(perceptions), leaps)
                 self._elsewhere.weigh(evidence)
             if self._elsewhere.probability > _PROPOSED_ABOVE or evidence < 0.0:
                 self._propose(perceptions if lately is None else lately)
@@ -188,13 +185,13 @@ class ParticleFilter:
     def _is_compact(self) -> bool:
         return self._particles.gaussian().is_within(_COMPACT_M, _COMPACT_RAD)
 
-    def _move(self, motion: UncertainPose2, carried_off: float) -> None:
+    def _move(self, motion: UncertainPose2, leaps: float) -> None:
         noise = self._rng.multivariate_normal(
             np.zeros(3), motion.covariance, len(self._particles), method="eigh"
         )
         moved = compose(np.broadcast_to(motion.pose.as_array(), noise.shape), noise)
         self._particles = Particles(compose(self._particles.poses, moved), self._particles.weights)
-        self._elsewhere.move(motion.pose, carried_off)
+        self._elsewhere.move(motion.pose, self._settings.carried_off + leaps)
         sigma_m = float(np.sqrt(np.linalg.eigvalsh(motion.covariance[:2, :2])[-1]))
         if sigma_m > _UNTRACKED_M:
             self._lose_track(3.0 * sigma_m)
@@ -208,6 +205,32 @@ class ParticleFilter:
         self._follows = False
         self._elsewhere = Elsewhere(1.0 - 1e-9)
         self._proposed = None
+
+    def _evidence(self, seen: Seen, leaps: float) -> float:
+        """Log of how much better what is followed explains the scan than elsewhere.
+
+        Where it explains it worse, and the robot may have made a leap, all that is near is followed
+        besides: few things in sight tell a place among those near, not among all.
+        """
+        before = self._particles
+        evidence = self._weigh(seen) + self.by_numbers(self._particles.gaussian().mean)
+        near = self._elsewhere.gone * leaps / (self._settings.carried_off + leaps)
+        if evidence < 0.0 < near and len(before) <= self._settings.least_particles:
+            self._particles = self._after_a_leap(before, near)
+            evidence = self._weigh(seen) + self.by_numbers(self._particles.gaussian().mean)
+        return evidence
+
+    def _after_a_leap(self, before: Particles, near: float) -> Particles:
+        """The particles, and others evenly all over what is near by a probability."""
+        area_m2 = np.pi * _NEAR_M**2
+        n = self._num_spread(area_m2)
+        x, y = before.gaussian().mean[:2].tolist()
+        around = evenly_within((x, y), _NEAR_M, n, self._rng)
+        self._elsewhere.gone -= near
+        self._blur = _blur(2.0 * np.pi * area_m2 / n)
+        share = near / (1.0 - self._elsewhere.probability)
+        weights = np.concatenate([(1.0 - share) * before.weights, np.full(n, share / n)])
+        return Particles(np.concatenate([before.poses, around]), weights)
 
     def _weigh(self, seen: Seen) -> float:
         """Log of how much better what is followed, weighed, explains the scan than elsewhere."""

@@ -117,6 +117,16 @@ class Particles:
         return Particles(self.poses[chosen], weights / weights.sum()).gaussian()
 
 
+def evenly_within(
+    point: tuple[float, float], radius_m: float, n: int, rng: np.random.Generator
+) -> FloatArray:
+    """(n, 3) poses within a radius of a point, headed anywhere."""
+    angles, headings = rng.uniform(-np.pi, np.pi, (2, n))
+    out_m = radius_m * np.sqrt(rng.uniform(0.0, 1.0, n))
+    x, y = point
+    return np.column_stack([x + out_m * np.cos(angles), y + out_m * np.sin(angles), headings])
+
+
 def compose(a_T_b: FloatArray, b_T_c: FloatArray) -> FloatArray:
     """a_T_c (n, 3) of rows a_T_b and b_T_c (n, 3)."""
     c, s = np.cos(a_T_b[:, 2]), np.sin(a_T_b[:, 2])
