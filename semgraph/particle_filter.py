@@ -21,6 +21,7 @@ from semgraph.particles import (
     Particles,
     compose,
     evenly_within,
+    importance_samples,
     kld_number,
     log_sum,
     num_bins,
@@ -32,6 +33,8 @@ from semgraph.pose_proposals import PoseProposals
 from semgraph.pose_quality import Elsewhere, UsualSight
 
 _SEEDS_EACH: Final = 40
+# A place whose weight fewer seeds carry is not followed yet.
+_LEAST_EFFECTIVE: Final = 3.0
 # Seeds and refined particles are drawn wider than what they stand for.
 _WIDER: Final = 1.3
 # Below this spread the cloud is one Gaussian.
@@ -260,9 +263,10 @@ class ParticleFilter:
         weights = np.exp(log_weights - log_total)
         followed = (1.0 - rest) * np.exp(-log_total)
         sums = np.bincount(places, weights)
-        if sums.max() > _FOLLOWED_ABOVE:
-            is_it = places == sums.argmax()
-            self._follow(Particles(seeds[is_it], weights[is_it] / sums.max()), float(sums.max()))
+        is_it = places == sums.argmax()
+        place = Particles(seeds[is_it], weights[is_it] / sums.max())
+        if sums.max() > _FOLLOWED_ABOVE and place.effective >= _LEAST_EFFECTIVE:
+            self._follow(place, float(sums.max()))
             return
         certain = followed + float(weights.sum())
         self._proposed = (
@@ -287,14 +291,14 @@ class ParticleFilter:
         Their log weights say by how much posterior exceeds what they were drawn from. Particles of
         the prior alone would nearly all be wasted where the scan is much sharper.
         """
-        n = self._settings.least_particles
         prior = self._particles.gaussian()
         fused = Gaussian.of_pose(self._proposals.refine(seen, prior.pose())).wider(_WIDER)
-        poses = np.concatenate([prior.draw(n // 2, self._rng), fused.draw(n - n // 2, self._rng)])
-        log_prior, log_fused = prior.log_densities(poses), fused.log_densities(poses)
-        log_drawn = np.logaddexp(log_prior, log_fused) - np.log(2.0)
-        log_likelihoods = self._likelihood.log_likelihoods(seen, poses)
-        return poses, log_prior - log_drawn + log_likelihoods - np.log(n)
+
+        def log_posterior(poses: FloatArray) -> FloatArray:
+            return prior.log_densities(poses) + self._likelihood.log_likelihoods(seen, poses)
+
+        n = self._settings.least_particles
+        return importance_samples(log_posterior, (prior, fused), n, self._rng)
 
     def _seeds(self, lately: Perceptions) -> tuple[FloatArray, FloatArray, IntArray]:
         """Particles about proposed places, log weights against the rest, number of the place."""
@@ -305,12 +309,15 @@ class ParticleFilter:
             place = Gaussian.of_pose(proposed).wider(_WIDER)
             if self._is_followed(place):
                 continue
-            drawn = place.draw(_SEEDS_EACH, self._rng)
-            stands_for = self._region.log_densities(drawn, area_m2) - place.log_densities(drawn)
-            log_likelihoods = self._likelihood.log_likelihoods(seen, drawn)
+            by_numbers = self.by_numbers(place.mean)
+
+            def log_posterior(drawn: FloatArray, by_numbers: float = by_numbers) -> FloatArray:
+                rest = self._region.log_densities(drawn, area_m2) + by_numbers
+                return rest + self._likelihood.log_likelihoods(seen, drawn)
+
+            drawn, weights = importance_samples(log_posterior, (place,), _SEEDS_EACH, self._rng)
             poses.append(drawn)
-            log_likelihoods = log_likelihoods + self.by_numbers(place.mean)
-            log_weights.append(stands_for + log_likelihoods - np.log(len(drawn)))
+            log_weights.append(weights)
         places = np.repeat(np.arange(len(poses) - 1), _SEEDS_EACH)
         return np.concatenate(poses), np.concatenate(log_weights), places
 
