@@ -52,6 +52,10 @@ _WITHIN_M: Final = 1.0
 # Places are proposed as long as the rest is at least this, and followed above that.
 _PROPOSED_ABOVE: Final = 0.05
 _FOLLOWED_ABOVE: Final = 0.99
+# In the mean of all places a scan is explained by 1, most of it at few places, where things fit by
+# chance: these are proposed. So much is left at all others, by how often the true place is not
+# among the proposed ones: about 0.2 / (0.2 + what the proposed ones explain).
+_UNPROPOSED: Final = 0.2
 # Proposed places as near as this to the one that is followed are the same.
 _SAME_RAD: Final = 0.3
 # Particles farther apart than twice this are too few to begin with; then proposals alone begin.
@@ -259,7 +263,8 @@ class ParticleFilter:
             return
         rest = self._elsewhere.probability
         log_weights = log_weights + np.log(rest)
-        log_total = float(np.logaddexp(0.0, log_sum(log_weights)))
+        log_others = float(np.log(1.0 - rest + _UNPROPOSED * rest))
+        log_total = float(np.logaddexp(log_others, log_sum(log_weights)))
         weights = np.exp(log_weights - log_total)
         followed = (1.0 - rest) * np.exp(-log_total)
         sums = np.bincount(places, weights)
