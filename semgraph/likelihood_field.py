@@ -172,5 +172,5 @@ class LikelihoodField:
         return _Cells(
             numbers,
             np.concatenate([landmarks[:1], nearest[taken]]),
-            np.concatenate([np.float32([np.inf]), least[taken]]),
+            np.append(np.float32(np.inf), least[taken]),
         )
