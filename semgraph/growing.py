@@ -32,7 +32,7 @@ from sensors.views import View
 _HELD_FROM: Final = 0.95
 _LOST_BELOW: Final = 0.5
 # As well as a pose is known when it is first held: the map's landmarks say how well.
-_START_COVARIANCE: Final = np.diag([1.0, 1.0, 0.1]) ** 2
+START_COVARIANCE: Final = np.diag([1.0, 1.0, 0.1]) ** 2
 _HELD_SIGMA_M: Final = 0.3
 _MAX_MATCHINGS: Final = 5
 
@@ -95,7 +95,7 @@ class _Stretch:
     def __init__(self, tracker: FastSettings, found: Localized) -> None:
         start = found.map_T_base.pose
         self._tracker = FastEstimator(tracker, start)
-        self._recorder = LogRecorder(UncertainPose2(start, _START_COVARIANCE))
+        self._recorder = LogRecorder(UncertainPose2(start, START_COVARIANCE))
         self._found: list[Localized] = []
         self._associations: dict[int, IntArray] = {}
 
