@@ -31,6 +31,8 @@ from sensors.views import View
 
 _HELD_FROM: Final = 0.95
 _LOST_BELOW: Final = 0.5
+# What ends sooner was no place held.
+_LEAST_SCANS: Final = 10
 # As well as a pose is known when it is first held: the map's landmarks say how well.
 START_COVARIANCE: Final = np.diag([1.0, 1.0, 0.1]) ** 2
 _HELD_SIGMA_M: Final = 0.3
@@ -84,7 +86,7 @@ class Stretches:
         return tuple(self._logs)
 
     def _end(self) -> None:
-        if self._current is not None:
+        if self._current is not None and len(self._current) >= _LEAST_SCANS:
             self._logs.append(self._current.log())
         self._current = None
 
@@ -110,6 +112,9 @@ class _Stretch:
         self._recorder.add(step, perceptions, views)
         self._associations[step.stamp_ns] = step.landmark_ids
         self._found.append(found)
+
+    def __len__(self) -> int:
+        return len(self._found)
 
     def log(self) -> RunLog:
         poses = np.array([each.map_T_base.pose.as_array() for each in self._found])
