@@ -54,6 +54,7 @@ class Run:
         seconds: of processor time.
         best_m, best_turned: errors of the rigid alignment with the true matches of that scan
             alone; NaN where it has fewer than three.
+        num_true: how many perceptions are of the map's trees.
     """
 
     errors_m: FloatArray
@@ -63,6 +64,7 @@ class Run:
     seconds: FloatArray
     best_m: FloatArray
     best_turned: FloatArray
+    num_true: FloatArray
 
     @property
     def is_right(self) -> BoolArray:
@@ -111,9 +113,10 @@ def follow(
         seconds = time.process_time() - before
         error = pose_error(found.map_T_base.pose, moment.world_T_base)
         is_fast = found.estimator is Estimator.FAST
-        rows.append((*error, found.quality, is_fast, seconds, *_best(with_map, moment)))
-    errors_m, turned, qualities, is_fast, seconds, best_m, best_turned = np.array(rows).T
-    return Run(errors_m, turned, qualities, is_fast > 0.5, seconds, best_m, best_turned)
+        num_true = int((with_map.rows[moment.stems[moment.stems >= 0]] >= 0).sum())
+        rows.append((*error, found.quality, is_fast, seconds, *_best(with_map, moment), num_true))
+    errors_m, turned, qualities, is_fast, *others = np.array(rows).T
+    return Run(errors_m, turned, qualities, is_fast > 0.5, *others)
 
 
 def _start(trial: Trial, world_T_base: Pose2, rng: np.random.Generator) -> Start:
