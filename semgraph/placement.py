@@ -226,23 +226,31 @@ def _densities(mapped: MappedConstellation, seen: Constellation) -> FloatArray:
     return densities
 
 
-def _view(positions: FloatArray) -> tuple[Delaunay, BoolArray] | None:
-    """The surely seen area: triangles between neighbours; None where all stand in line."""
+def _view(positions: FloatArray) -> FloatArray | None:
+    """The surely seen area: triangles between neighbours; None where all stand in line.
+
+    Of each triangle the three sides (t, 3, 3): p is inside where side @ (p_x, p_y, 1) >= 0 of all.
+    """
     if len(positions) < 3:
         return None
     try:
         mesh = Delaunay(positions)
     except QhullError:
         return None
-    a, b, c = positions[mesh.simplices].transpose(1, 0, 2) @ (1.0, 1.0j)
-    areas = 0.5 * np.abs(np.imag(np.conj(b - a) * (c - a)))
-    radii_m = np.abs(b - a) * np.abs(c - b) * np.abs(a - c) / np.maximum(4.0 * areas, 1e-12)
-    return mesh, radii_m <= 2.0 * np.median(radii_m)
+    corners = positions[mesh.simplices]
+    a, b, c = corners.transpose(1, 0, 2) @ (1.0, 1.0j)
+    areas = 0.5 * np.imag(np.conj(b - a) * (c - a))
+    radii_m = np.abs(b - a) * np.abs(c - b) * np.abs(a - c) / np.maximum(4.0 * np.abs(areas), 1e-12)
+    along = np.roll(corners, -1, axis=1) - corners
+    normals = np.stack([-along[..., 1], along[..., 0]], axis=2) * np.sign(areas)[:, None, None]
+    sides = np.concatenate([normals, -(normals * corners).sum(axis=2, keepdims=True)], axis=2)
+    return np.asarray(sides[radii_m <= 2.0 * np.median(radii_m)])
 
 
-def _is_inside(view: tuple[Delaunay, BoolArray] | None, points: FloatArray) -> BoolArray:
+def _is_inside(view: FloatArray | None, points: FloatArray) -> BoolArray:
     if view is None or len(points) == 0:
         return np.zeros(len(points), dtype=np.bool_)
-    mesh, is_seen = view
-    triangles = mesh.find_simplex(points)
-    return np.asarray((triangles >= 0) & is_seen[triangles])
+    # Points beyond the mesh would each cost Delaunay.find_simplex a search through all of it.
+    left = points @ view[:, :, :2].reshape(-1, 2).T + view[:, :, 2].ravel()
+    inside = left.reshape(len(points), len(view), 3).min(axis=2) >= 0.0
+    return np.asarray(inside.any(axis=1))
