@@ -11,7 +11,8 @@ more, and no motion is large. The fast estimator hands back as soon as
 
 The particle filter then weighs the same scan again, beginning with the pose before the motion and
 its covariance. What the fast estimator takes over is the particles' mean and covariance. Either way
-the probability of being elsewhere goes along.
+the probability of being elsewhere goes along. Where no wheels measure the motion, the last one goes
+on; a leap is none, nor a place corrected: what contradicts it is believed when it comes twice.
 """
 
 from collections.abc import Sequence
