@@ -21,8 +21,8 @@ from semgraph.arrays import BoolArray, FloatArray
 from semgraph.geometry import Pose2
 from semgraph.localizer import Estimator, Localizer, LocalizerSettings, Start, Use
 
-_NEAR_M: Final = 0.3
-_NEAR_RAD: Final = float(np.radians(1.0))
+NEAR_M: Final = 0.3
+NEAR_RAD: Final = float(np.radians(1.0))
 _FAR_M: Final = 1.0
 _CONFIDENT: Final = 0.9
 _RADIUS_M: Final = 10.0
@@ -54,6 +54,7 @@ class Run:
         seconds: of processor time.
         best_m, best_turned: errors of the rigid alignment with the true matches of that scan
             alone; NaN where it has fewer than three.
+        num_true: how many perceptions are of the map's trees.
     """
 
     errors_m: FloatArray
@@ -63,11 +64,12 @@ class Run:
     seconds: FloatArray
     best_m: FloatArray
     best_turned: FloatArray
+    num_true: FloatArray
 
     @property
     def is_right(self) -> BoolArray:
         """Within 0.3 m and 1 deg."""
-        right: BoolArray = (self.errors_m <= _NEAR_M) & (self.turned <= _NEAR_RAD)
+        right: BoolArray = (self.errors_m <= NEAR_M) & (self.turned <= NEAR_RAD)
         return right
 
     @property
@@ -109,11 +111,12 @@ def follow(
         before = time.process_time()
         found = localizer.step(moment.perceptions, moment.odometry)
         seconds = time.process_time() - before
-        error = _error(found.map_T_base.pose, moment.world_T_base)
+        error = pose_error(found.map_T_base.pose, moment.world_T_base)
         is_fast = found.estimator is Estimator.FAST
-        rows.append((*error, found.quality, is_fast, seconds, *_best(with_map, moment)))
-    errors_m, turned, qualities, is_fast, seconds, best_m, best_turned = np.array(rows).T
-    return Run(errors_m, turned, qualities, is_fast > 0.5, seconds, best_m, best_turned)
+        num_true = int((with_map.rows[moment.stems[moment.stems >= 0]] >= 0).sum())
+        rows.append((*error, found.quality, is_fast, seconds, *_best(with_map, moment), num_true))
+    errors_m, turned, qualities, is_fast, *others = np.array(rows).T
+    return Run(errors_m, turned, qualities, is_fast > 0.5, *others)
 
 
 def _start(trial: Trial, world_T_base: Pose2, rng: np.random.Generator) -> Start:
@@ -125,7 +128,8 @@ def _start(trial: Trial, world_T_base: Pose2, rng: np.random.Generator) -> Start
     return Start(map_t_point=point, radius_m=trial.within_m)
 
 
-def _error(estimate: Pose2, true: Pose2) -> tuple[float, float]:
+def pose_error(estimate: Pose2, true: Pose2) -> tuple[float, float]:
+    """Of a pose: m and rad."""
     off = estimate.between(true)
     return float(np.hypot(off.x, off.y)), abs(off.theta)
 
@@ -145,7 +149,7 @@ def _best(with_map: Mapped, moment: Moment) -> tuple[float, float]:
     )
     if not isinstance(found, Alignment):
         return np.nan, np.nan
-    return _error(found.map_T_base.pose, moment.world_T_base)
+    return pose_error(found.map_T_base.pose, moment.world_T_base)
 
 
 def without(trial: Trial, use: Use) -> Trial:

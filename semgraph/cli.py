@@ -112,6 +112,7 @@ def _call_localize(parsed: argparse.Namespace) -> None:
         parsed.set,
         pose=parsed.start,
         circle=parsed.radius,
+        grows=parsed.grow,
     )
 
 
@@ -233,6 +234,9 @@ def _add_localize(add_parser: AddParser) -> None:
     )
     start.add_argument(
         "--radius", type=float, nargs=3, metavar=("M", "X", "Y"), help="within M of a point"
+    )
+    localize.add_argument(
+        "--grow", action="store_true", help="refine the map by what is seen, and add what is new"
     )
 
 

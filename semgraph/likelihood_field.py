@@ -152,24 +152,25 @@ class LikelihoodField:
         cell_m, (columns, rows) = self._grid.cell_m, self._grid.shape
         reach = int(np.ceil(REACH_M / cell_m))
         steps = np.arange(-reach, reach + 1)
-        block = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
         at = (map_t_landmarks[landmarks] - self._grid.low) / cell_m
-        cells = np.floor(at).astype(np.int64)[:, None] + block
-        offsets = (cells + 0.5 - at[:, None]) * cell_m
-        distances2 = (offsets**2).sum(axis=2).ravel()
-        inside = (distances2 <= REACH_M**2) & ((cells >= 0) & (cells < (columns, rows))).all(
-            axis=2
-        ).ravel()
-        index = (cells[..., 1] * columns + cells[..., 0]).ravel()[inside]
-        owners = np.repeat(landmarks, len(block))[inside]
-        distances2 = distances2[inside]
-        order = np.lexsort((distances2, index))
-        taken, first = np.unique(index[order], return_index=True)
+        near = np.floor(at).astype(np.int64)
+        # (landmarks, steps) from the cells' centres, and (landmarks, steps, steps) of both axes.
+        x, y = (((near + 0.5 - at) * cell_m).T[:, :, None] + steps * cell_m) ** 2
+        distances2 = y[:, :, None] + x[:, None]
+        # The grid holds all cells within reach.
+        owners, up, along = np.nonzero(distances2 <= REACH_M**2)
+        distances2 = distances2[owners, up, along].astype(np.float32)
+        index = (near[owners, 1] + steps[up]) * columns + near[owners, 0] + steps[along]
+        least = np.full(columns * rows, np.inf, dtype=np.float32)
+        np.minimum.at(least, index, distances2)
+        is_nearest = distances2 == least[index]
+        nearest = np.zeros(columns * rows, dtype=np.int64)
+        nearest[index[is_nearest]] = landmarks[owners[is_nearest]]
+        taken = np.flatnonzero(np.isfinite(least))
         numbers = np.zeros(columns * rows, dtype=np.int32)
         numbers[taken] = np.arange(1, len(taken) + 1)
-        nearest = order[first]
         return _Cells(
             numbers,
-            np.concatenate([landmarks[:1], owners[nearest]]),
-            np.concatenate([[np.inf], distances2[nearest]]).astype(np.float32),
+            np.concatenate([landmarks[:1], nearest[taken]]),
+            np.append(np.float32(np.inf), least[taken]),
         )

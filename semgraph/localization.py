@@ -1,7 +1,8 @@
 """The loop of localization in a known map, and what it leaves behind."""
 
 import time
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,9 +16,11 @@ from semgraph.fixed_map import FixedMap
 from semgraph.geometry import Pose2
 from semgraph.landmarks import Landmark
 from semgraph.localizer import Localized, Localizer, Start, Use
+from semgraph.map_growth import Grown, Stretches
 from semgraph.perceiving import Perceiver
 from semgraph.pipeline import Moment, moments
 from semgraph.progress import Report
+from semgraph.refining import REPORT_CSV, write_changes
 from semgraph.results import RunResult, write_files
 from semgraph.settings import Settings
 from semgraph.tables import stamp_text, write_text
@@ -27,6 +30,7 @@ from sensors.measurements import Recording
 
 QUALITY_CSV: Final = "quality.csv"
 TRAJECTORY_PARTICLES_TUM: Final = "trajectory_particles.tum"
+TRAJECTORY_LOCALIZED_TUM: Final = "trajectory_localized.tum"
 QUALITY_COLUMNS: Final = ("stamp_s", "quality", "estimator", "particles")
 # The fast estimator alone begins where the localizer is sure for the first time.
 _SURE: Final = 0.95
@@ -42,12 +46,28 @@ class LocalizationResult:
         localized: each pose of the combination.
         particles: the trajectory of the particle filter alone.
         particle_qualities: (n,) of its poses.
+        grown: the run and its map together, if that was asked for and the robot was held.
     """
 
     run: RunResult
     localized: tuple[Localized, ...]
     particles: Trajectory
     particle_qualities: FloatArray
+    grown: Grown | None = None
+
+    def with_grown(self, grown: Grown) -> "LocalizationResult":
+        """The same with the grown map, and the poses at its optimum where there are any."""
+        rows = np.searchsorted(self.run.smoothed.stamps_ns, grown.trajectory.stamps_ns)
+        poses = np.array(self.run.smoothed.map_T_bases)
+        covariances = np.array(self.run.smoothed_covariances)
+        poses[rows], covariances[rows] = grown.trajectory.map_T_bases, grown.covariances
+        run = replace(
+            self.run,
+            smoothed=Trajectory(self.run.smoothed.stamps_ns, poses),
+            smoothed_covariances=covariances,
+            landmarks=grown.landmarks,
+        )
+        return replace(self, run=run, grown=grown)
 
 
 def localize(
@@ -58,6 +78,7 @@ def localize(
     perceiver: Perceiver,
     report: Report,
     effective_settings: dict[str, Any],
+    stretches: Stretches | None = None,
 ) -> LocalizationResult:
     """Where the robot was in a given map, by both estimators together and by each alone.
 
@@ -69,6 +90,7 @@ def localize(
         perceiver: for recordings of scans, clouds and images.
         report: told the number of scans done.
         effective_settings: kept beside the results.
+        stretches: gathers what the map may grow by.
 
     Raises:
         InputError: measurements without a detector, nothing to run on, or an empty map.
@@ -78,6 +100,9 @@ def localize(
     imu = YawRateLog()
     for moment in moments(recording, perceiver, imu):
         three.step(moment)
+        if stretches is not None:
+            found = three.localized[-1]
+            stretches.add(moment.perceptions, moment.odometry, moment.views, found)
         perceiver.moved(*three.last_motion())
         report.done(len(three.localized))
     if not three.localized:
@@ -107,11 +132,16 @@ def localize(
 def write_localization(result: LocalizationResult, folder: Path) -> None:
     """Writes a run's files, and quality.csv and trajectory_particles.tum beside them.
 
+    Of a grown map also report.csv, and where the robot was believed to be before.
+
     Raises:
         SemgraphError: a file cannot be written, or the settings are nothing that TOML can hold.
     """
     write_files(result.run, folder)
     write_tum(folder / TRAJECTORY_PARTICLES_TUM, result.particles)
+    if result.grown is not None:
+        write_tum(folder / TRAJECTORY_LOCALIZED_TUM, _trajectory(result.localized))
+        write_changes(folder / REPORT_CSV, result.grown.changes)
     lines = [",".join(QUALITY_COLUMNS)]
     lines += [
         f"{stamp_text(each.stamp_ns)},{each.quality!r},{each.estimator.value},{each.num_particles}"
@@ -170,7 +200,7 @@ class _Three:
         return Trajectory(np.array(self._fast_stamps_ns, dtype=np.int64), poses)
 
 
-def _trajectory(localized: list[Localized]) -> Trajectory:
+def _trajectory(localized: Sequence[Localized]) -> Trajectory:
     return Trajectory(
         np.array([each.stamp_ns for each in localized], dtype=np.int64),
         np.array([each.map_T_base.pose.as_array() for each in localized]),

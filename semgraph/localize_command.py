@@ -15,8 +15,10 @@ from semgraph import localization, results, staging, viewer
 from semgraph.commands import RESULTS, RUN_RRD, effective_settings
 from semgraph.given_maps import read_given_map
 from semgraph.localizer import Estimator, start_of
+from semgraph.map_growth import Stretches, grow
 from semgraph.perceiving import Perceiver
 from semgraph.progress import progress
+from semgraph.refining import counts_of
 from semgraph.settings import load_settings
 from sensors.catalog import open_source
 
@@ -33,8 +35,11 @@ def localize(
     *,
     pose: Sequence[float] | None = None,
     circle: Sequence[float] | None = None,
+    grows: bool = False,
 ) -> None:
     """Finds and follows the robot of a source in a known map, writes and prints what came out.
+
+    Where the map grows, run and map are brought to their joint optimum afterwards.
 
     Raises:
         SemgraphError: anything that a user can put right.
@@ -48,11 +53,16 @@ def localize(
     perceiver, recording = Perceiver(opened.recording, settings), opened.recording
     effective = effective_settings(source, settings, perceiver)
     start = start_of(pose, circle)
+    stretches = Stretches(settings.tracker) if grows else None
     with results.staged_results(folder) as staged:
         with progress(console, recording.name, recording.num_scans) as report:
             result = localization.localize(
-                recording, landmarks, start, settings, perceiver, report, effective
+                recording, landmarks, start, settings, perceiver, report, effective, stretches
             )
+        if stretches is not None:
+            with console.status("growing the map") as status:
+                grown = grow(landmarks, stretches.logs(), settings.smoother, status.update)
+            result = result.with_grown(grown) if grown is not None else result
         localization.write_localization(result, staged)
         write_truth(staged, opened.truth)
         viewer.write_recording(result.run, staged / RUN_RRD)
@@ -79,6 +89,8 @@ def _print_localized(
     if sure:
         seconds = (sure[0].stamp_ns - result.localized[0].stamp_ns) * 1e-9
         console.print(f"found after {seconds:.1f} s, at {sure[0].map_T_base.pose}")
+    if result.grown is not None:
+        console.print(f"map: {counts_of(result.grown.changes)}")
     errors = {metric.name: metric.value for metric in metrics}
     if "trajectory_rmse_unaligned_m" in errors:
         fast_rmse = errors.get("fast_trajectory_rmse_unaligned_m")

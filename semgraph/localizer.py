@@ -11,7 +11,8 @@ more, and no motion is large. The fast estimator hands back as soon as
 
 The particle filter then weighs the same scan again, beginning with the pose before the motion and
 its covariance. What the fast estimator takes over is the particles' mean and covariance. Either way
-the probability of being elsewhere goes along.
+the probability of being elsewhere goes along. Where no wheels measure the motion, the last one goes
+on; a leap is none, nor a place corrected: what contradicts it is believed when it comes twice.
 """
 
 from collections.abc import Sequence
@@ -149,7 +150,8 @@ class Localizer:
         self._estimator = Estimator.PARTICLES
         self._sure_scans = 0
         self._last: Localized | None = None
-        self._last_motion, self._last_seconds = Pose2(), 0.0
+        self._movement = _Movement(Pose2(), 0.0)
+        self._doubted: _Movement | None = None
         self._events: list[str] = []
         if start.radius_m is not None:
             self._filter.start_within(np.array(start.map_t_point), start.radius_m)
@@ -169,13 +171,12 @@ class Localizer:
             odometry: last_T_current as the wheels measured it; None where there are none.
         """
         motion = self._motion(perceptions.stamp_ns, odometry)
-        filter_settings = self._settings.particles
-        carried_off = filter_settings.leaps if odometry is None else filter_settings.carried_off
+        leaps = self._settings.particles.leaps if odometry is None else 0.0
         found = None
         if self._estimator is Estimator.FAST and self._last is not None:
-            found = self._follow(perceptions, motion, self._last, carried_off)
+            found = self._follow(perceptions, motion, self._last, leaps)
         if found is None:
-            found = self._search(perceptions, motion, odometry, carried_off)
+            found = self._search(perceptions, motion, odometry, leaps)
         self._remember(found)
         return found
 
@@ -186,10 +187,10 @@ class Localizer:
         if odometry is not None:
             return odometry
         seconds = (stamp_ns - self._last.stamp_ns) * 1e-9
-        return constant_motion(self._last_motion, self._last_seconds, seconds, self._noise)
+        return self._movement.once_more(seconds, self._noise)
 
     def _follow(
-        self, perceptions: Perceptions, motion: UncertainPose2, last: Localized, carried_off: float
+        self, perceptions: Perceptions, motion: UncertainPose2, last: Localized, leaps: float
     ) -> Localized | None:
         """The fast estimator's pose; None if the particles have to take over."""
         is_bound = self._settings.use is Use.FAST
@@ -199,7 +200,7 @@ class Localizer:
             return None
         step = self._fast.step(perceptions, motion)
         prior = last.map_T_base @ motion
-        self._elsewhere.move(motion.pose, carried_off)
+        self._elsewhere.move(motion.pose, self._settings.particles.carried_off + leaps)
         self._filter.usual.add(perceptions.ranges_m)
         evidence = self._evidence(perceptions, prior, step.map_T_base)
         self._elsewhere.weigh(evidence)
@@ -229,11 +230,11 @@ class Localizer:
         perceptions: Perceptions,
         motion: UncertainPose2,
         odometry: UncertainPose2 | None,
-        carried_off: float,
+        leaps: float,
     ) -> Localized:
         """The particle filter's pose; it hands over to the fast estimator when it is sure."""
         lately = self._surroundings.add(perceptions, odometry)
-        belief = self._filter.step(perceptions, motion, lately, carried_off)
+        belief = self._filter.step(perceptions, motion, lately, leaps)
         is_sure = _is_sure(belief) and not _too_large(motion)
         self._sure_scans = self._sure_scans + 1 if is_sure else 0
         if self._sure_scans >= _SURE_SCANS and self._settings.use is not Use.PARTICLES:
@@ -265,11 +266,38 @@ class Localizer:
         self._events.append(f"{who} takes over at {stamp_ns * 1e-9:.2f} s: {why}")
 
     def _remember(self, found: Localized) -> None:
-        self._last_seconds = 0.0
+        """The pose, and the movement if it is one: a leap is none, nor a place corrected.
+
+        What contradicts the last movement is believed when the next one is like it.
+        """
         if self._last is not None and min(self._last.quality, found.quality) >= _LOST_BELOW:
-            self._last_motion = self._last.map_T_base.pose.between(found.map_T_base.pose)
-            self._last_seconds = (found.stamp_ns - self._last.stamp_ns) * 1e-9
+            seconds = (found.stamp_ns - self._last.stamp_ns) * 1e-9
+            moved = _Movement(self._last.map_T_base.pose.between(found.map_T_base.pose), seconds)
+            if moved.follows(self._movement, self._noise) or (
+                self._doubted is not None and moved.follows(self._doubted, self._noise)
+            ):
+                self._movement, self._doubted = moved, None
+            else:
+                self._doubted = moved
         self._last = found
+
+
+@dataclass(frozen=True, slots=True)
+class _Movement:
+    """Between two scans; of no seconds where there was none."""
+
+    motion: Pose2
+    seconds: float
+
+    def once_more(self, seconds: float, noise: MotionNoise) -> UncertainPose2:
+        """Where it leads in so many seconds, if it goes on."""
+        return constant_motion(self.motion, self.seconds, seconds, noise)
+
+    def follows(self, before: "_Movement", noise: MotionNoise) -> bool:
+        """Whether it is within the 99.9 % gate of another that goes on."""
+        expected = before.once_more(self.seconds, noise)
+        off = expected.pose.between(self.motion).as_array()
+        return float(off @ np.linalg.solve(expected.covariance, off)) <= _CHI2_3DOF_999
 
 
 def _too_large(motion: UncertainPose2) -> str:

@@ -20,6 +20,8 @@ from semgraph.particles import (
     Gaussian,
     Particles,
     compose,
+    evenly_within,
+    importance_samples,
     kld_number,
     log_sum,
     num_bins,
@@ -31,6 +33,8 @@ from semgraph.pose_proposals import PoseProposals
 from semgraph.pose_quality import Elsewhere, UsualSight
 
 _SEEDS_EACH: Final = 40
+# A place whose weight fewer seeds carry is not followed yet.
+_LEAST_EFFECTIVE: Final = 3.0
 # Seeds and refined particles are drawn wider than what they stand for.
 _WIDER: Final = 1.3
 # Below this spread the cloud is one Gaussian.
@@ -48,6 +52,10 @@ _WITHIN_M: Final = 1.0
 # Places are proposed as long as the rest is at least this, and followed above that.
 _PROPOSED_ABOVE: Final = 0.05
 _FOLLOWED_ABOVE: Final = 0.99
+# In the mean of all places a scan is explained by 1, most of it at few places, where things fit by
+# chance: these are proposed. So much is left at all others, by how often the true place is not
+# among the proposed ones: about 0.2 / (0.2 + what the proposed ones explain).
+_UNPROPOSED: Final = 0.2
 # Proposed places as near as this to the one that is followed are the same.
 _SAME_RAD: Final = 0.3
 # Particles farther apart than twice this are too few to begin with; then proposals alone begin.
@@ -92,17 +100,15 @@ class ParticleFilter:
         fixed_map = self._likelihood.fixed_map
         n = self._num_spread(fixed_map.area_m2)
         points = self._rng.uniform(*fixed_map.bounds(), (n, 2))
-        self._spread(points, fixed_map.area_m2, Region())
+        headings = self._rng.uniform(-np.pi, np.pi, n)
+        self._spread(np.column_stack([points, headings]), fixed_map.area_m2, Region())
 
     def start_within(self, map_t_point: FloatArray, radius_m: float) -> None:
         """The robot is within a radius of a point (2,), its heading unknown."""
-        n = self._num_spread(np.pi * radius_m**2)
-        angles = self._rng.uniform(-np.pi, np.pi, n)
-        out_m = radius_m * np.sqrt(self._rng.uniform(0.0, 1.0, n))
-        around = np.column_stack([np.cos(angles), np.sin(angles)]) * out_m[:, None]
+        area_m2 = np.pi * radius_m**2
         x, y = map_t_point.tolist()
-        region = Region((x, y), radius_m, _START_IS_RIGHT)
-        self._spread(map_t_point + around, np.pi * radius_m**2, region)
+        poses = evenly_within((x, y), radius_m, self._num_spread(area_m2), self._rng)
+        self._spread(poses, area_m2, Region((x, y), radius_m, _START_IS_RIGHT))
 
     @property
     def elsewhere(self) -> Elsewhere:
@@ -126,10 +132,9 @@ class ParticleFilter:
         is_fine = _blur(2.0 * np.pi * area_m2 / most)[0] <= _COARSEST_M
         return most if is_fine else self._settings.least_particles
 
-    def _spread(self, map_t_points: FloatArray, area_m2: float, region: Region) -> None:
-        n = len(map_t_points)
-        headings = self._rng.uniform(-np.pi, np.pi, n)
-        self._particles = Particles.alike(np.column_stack([map_t_points, headings]))
+    def _spread(self, poses: FloatArray, area_m2: float, region: Region) -> None:
+        n = len(poses)
+        self._particles = Particles.alike(poses)
         self._region = region
         self._blur = _blur(2.0 * np.pi * area_m2 / n)
         self._follows = n > self._settings.least_particles
@@ -142,7 +147,7 @@ class ParticleFilter:
         perceptions: Perceptions,
         motion: UncertainPose2,
         lately: Perceptions | None = None,
-        carried_off: float | None = None,
+        leaps: float = 0.0,
     ) -> Belief:
         """The belief after a motion last_T_current and what is perceived then.
 
@@ -151,16 +156,15 @@ class ParticleFilter:
             motion: last_T_current.
             lately: all that was seen lately, each thing once, relative to base now; what is
                 perceived now where there is no more.
-            carried_off: the probability that it was no such motion; by default the settings'.
+            leaps: the probability that it was no such motion but a leap to somewhere near.
         """
-        self._move(motion, self._settings.carried_off if carried_off is None else carried_off)
+        self._move(motion, leaps)
         self._proposed = None
         if len(perceptions):
             self.usual.add(perceptions.ranges_m)
             evidence = 0.0
             if self._follows:
-                evidence = self._weigh(self._likelihood.see(perceptions))
-                evidence += self.by_numbers(self._particles.gaussian().mean)
+                evidence = self._evidence(self._likelihood.see(perceptions), leaps)
                 self._elsewhere.weigh(evidence)
             if self._elsewhere.probability > _PROPOSED_ABOVE or evidence < 0.0:
                 self._propose(perceptions if lately is None else lately)
@@ -188,13 +192,13 @@ class ParticleFilter:
     def _is_compact(self) -> bool:
         return self._particles.gaussian().is_within(_COMPACT_M, _COMPACT_RAD)
 
-    def _move(self, motion: UncertainPose2, carried_off: float) -> None:
+    def _move(self, motion: UncertainPose2, leaps: float) -> None:
         noise = self._rng.multivariate_normal(
             np.zeros(3), motion.covariance, len(self._particles), method="eigh"
         )
         moved = compose(np.broadcast_to(motion.pose.as_array(), noise.shape), noise)
         self._particles = Particles(compose(self._particles.poses, moved), self._particles.weights)
-        self._elsewhere.move(motion.pose, carried_off)
+        self._elsewhere.move(motion.pose, self._settings.carried_off + leaps)
         sigma_m = float(np.sqrt(np.linalg.eigvalsh(motion.covariance[:2, :2])[-1]))
         if sigma_m > _UNTRACKED_M:
             self._lose_track(3.0 * sigma_m)
@@ -208,6 +212,32 @@ class ParticleFilter:
         self._follows = False
         self._elsewhere = Elsewhere(1.0 - 1e-9)
         self._proposed = None
+
+    def _evidence(self, seen: Seen, leaps: float) -> float:
+        """Log of how much better what is followed explains the scan than elsewhere.
+
+        Where it explains it worse, and the robot may have made a leap, all that is near is followed
+        besides: few things in sight tell a place among those near, not among all.
+        """
+        before = self._particles
+        evidence = self._weigh(seen) + self.by_numbers(self._particles.gaussian().mean)
+        near = self._elsewhere.gone * leaps / (self._settings.carried_off + leaps)
+        if evidence < 0.0 < near and len(before) <= self._settings.least_particles:
+            self._particles = self._after_a_leap(before, near)
+            evidence = self._weigh(seen) + self.by_numbers(self._particles.gaussian().mean)
+        return evidence
+
+    def _after_a_leap(self, before: Particles, near: float) -> Particles:
+        """The particles, and others evenly all over what is near by a probability."""
+        area_m2 = np.pi * _NEAR_M**2
+        n = self._num_spread(area_m2)
+        x, y = before.gaussian().mean[:2].tolist()
+        around = evenly_within((x, y), _NEAR_M, n, self._rng)
+        self._elsewhere.gone -= near
+        self._blur = _blur(2.0 * np.pi * area_m2 / n)
+        share = near / (1.0 - self._elsewhere.probability)
+        weights = np.concatenate([(1.0 - share) * before.weights, np.full(n, share / n)])
+        return Particles(np.concatenate([before.poses, around]), weights)
 
     def _weigh(self, seen: Seen) -> float:
         """Log of how much better what is followed, weighed, explains the scan than elsewhere."""
@@ -233,13 +263,15 @@ class ParticleFilter:
             return
         rest = self._elsewhere.probability
         log_weights = log_weights + np.log(rest)
-        log_total = float(np.logaddexp(0.0, log_sum(log_weights)))
+        log_others = float(np.log(1.0 - rest + _UNPROPOSED * rest))
+        log_total = float(np.logaddexp(log_others, log_sum(log_weights)))
         weights = np.exp(log_weights - log_total)
         followed = (1.0 - rest) * np.exp(-log_total)
         sums = np.bincount(places, weights)
-        if sums.max() > _FOLLOWED_ABOVE:
-            is_it = places == sums.argmax()
-            self._follow(Particles(seeds[is_it], weights[is_it] / sums.max()), float(sums.max()))
+        is_it = places == sums.argmax()
+        place = Particles(seeds[is_it], weights[is_it] / sums.max())
+        if sums.max() > _FOLLOWED_ABOVE and place.effective >= _LEAST_EFFECTIVE:
+            self._follow(place, float(sums.max()))
             return
         certain = followed + float(weights.sum())
         self._proposed = (
@@ -264,14 +296,14 @@ class ParticleFilter:
         Their log weights say by how much posterior exceeds what they were drawn from. Particles of
         the prior alone would nearly all be wasted where the scan is much sharper.
         """
-        n = self._settings.least_particles
         prior = self._particles.gaussian()
         fused = Gaussian.of_pose(self._proposals.refine(seen, prior.pose())).wider(_WIDER)
-        poses = np.concatenate([prior.draw(n // 2, self._rng), fused.draw(n - n // 2, self._rng)])
-        log_prior, log_fused = prior.log_densities(poses), fused.log_densities(poses)
-        log_drawn = np.logaddexp(log_prior, log_fused) - np.log(2.0)
-        log_likelihoods = self._likelihood.log_likelihoods(seen, poses)
-        return poses, log_prior - log_drawn + log_likelihoods - np.log(n)
+
+        def log_posterior(poses: FloatArray) -> FloatArray:
+            return prior.log_densities(poses) + self._likelihood.log_likelihoods(seen, poses)
+
+        n = self._settings.least_particles
+        return importance_samples(log_posterior, (prior, fused), n, self._rng)
 
     def _seeds(self, lately: Perceptions) -> tuple[FloatArray, FloatArray, IntArray]:
         """Particles about proposed places, log weights against the rest, number of the place."""
@@ -282,12 +314,15 @@ class ParticleFilter:
             place = Gaussian.of_pose(proposed).wider(_WIDER)
             if self._is_followed(place):
                 continue
-            drawn = place.draw(_SEEDS_EACH, self._rng)
-            stands_for = self._region.log_densities(drawn, area_m2) - place.log_densities(drawn)
-            log_likelihoods = self._likelihood.log_likelihoods(seen, drawn)
+            by_numbers = self.by_numbers(place.mean)
+
+            def log_posterior(drawn: FloatArray, by_numbers: float = by_numbers) -> FloatArray:
+                rest = self._region.log_densities(drawn, area_m2) + by_numbers
+                return rest + self._likelihood.log_likelihoods(seen, drawn)
+
+            drawn, weights = importance_samples(log_posterior, (place,), _SEEDS_EACH, self._rng)
             poses.append(drawn)
-            log_likelihoods = log_likelihoods + self.by_numbers(place.mean)
-            log_weights.append(stands_for + log_likelihoods - np.log(len(drawn)))
+            log_weights.append(weights)
         places = np.repeat(np.arange(len(poses) - 1), _SEEDS_EACH)
         return np.concatenate(poses), np.concatenate(log_weights), places
 

@@ -1,5 +1,6 @@
 """Weighed poses as a structure of arrays, and the Gaussian that stands for them."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Self
 
@@ -13,6 +14,9 @@ _BIN_RAD: Final = 0.1
 # KLD sampling: the error that is allowed, and the normal quantile of how surely.
 _KLD_ERROR: Final = 0.05
 _KLD_QUANTILE: Final = 2.326
+# A smaller share of the samples says little; then they are drawn anew, by so much nearer.
+_ENOUGH_EFFECTIVE: Final = 0.1
+_NARROWED: Final = 0.3
 _LEAST_SIGMAS: Final = np.array([1e-4, 1e-4, 1e-5])
 
 
@@ -115,6 +119,53 @@ class Particles:
     def _of(self, chosen: FloatArray) -> Gaussian:
         weights = self.weights[chosen]
         return Particles(self.poses[chosen], weights / weights.sum()).gaussian()
+
+
+def evenly_within(
+    point: tuple[float, float], radius_m: float, n: int, rng: np.random.Generator
+) -> FloatArray:
+    """(n, 3) poses within a radius of a point, headed anywhere."""
+    angles, headings = rng.uniform(-np.pi, np.pi, (2, n))
+    out_m = radius_m * np.sqrt(rng.uniform(0.0, 1.0, n))
+    x, y = point
+    return np.column_stack([x + out_m * np.cos(angles), y + out_m * np.sin(angles), headings])
+
+
+def importance_samples(
+    log_target: Callable[[FloatArray], FloatArray],
+    drawn_from: Sequence[Gaussian],
+    n: int,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, FloatArray]:
+    """Poses (n, 3), and (n,) log weights by whose sum the target exceeds what is drawn.
+
+    Where hardly any carries weight, they are drawn once more about those that do: a spread of one
+    pose looks sure, and its weight is chance.
+
+    Args:
+        log_target: (n,) log densities of poses (n, 3).
+        drawn_from: in equal shares.
+        n: how many.
+        rng: of the draws.
+
+    Source: population Monte Carlo, Cappe et al. 2004.
+    """
+    for last in (False, False, True):
+        parts = np.array_split(np.arange(n), len(drawn_from))
+        poses = np.concatenate(
+            [each.draw(len(part), rng) for each, part in zip(drawn_from, parts, strict=True)]
+        )
+        log_densities = np.array([each.log_densities(poses) for each in drawn_from])
+        log_drawn = np.logaddexp.reduce(log_densities, axis=0) - np.log(len(drawn_from))
+        log_weights = log_target(poses) - log_drawn - np.log(n)
+        weights = np.exp(log_weights - log_sum(log_weights))
+        found = Particles(poses, weights)
+        if last or found.effective >= _ENOUGH_EFFECTIVE * n:
+            break
+        best = found.gaussian()
+        narrower = best.covariance + _NARROWED**2 * drawn_from[-1].covariance
+        drawn_from = (*drawn_from[:1], Gaussian(best.mean, narrower))
+    return poses, log_weights
 
 
 def compose(a_T_b: FloatArray, b_T_c: FloatArray) -> FloatArray:

@@ -17,6 +17,8 @@ from semgraph.measurement_model import CHI2_2DOF_999, diameter_log_likelihoods
 _SAMPLE: Final = 500
 # A diameter may be wrong altogether, by another thing before the trunk.
 _WRONG_DIAMETER: Final = 0.05
+# A name that is in the map, and yet is of nothing in it.
+_MISREAD: Final = 0.01
 # A diameter that no tree of the map has.
 _LEAST_USUAL: Final = 1e-3
 # More poses times candidates than this are looked up in the field, and poses that turn more.
@@ -72,7 +74,11 @@ class PoseLikelihood:
 
     def see(self, perceptions: Perceptions) -> Seen:
         """Perceptions prepared for many poses."""
-        clutter = 1.0 - (1.0 - self._settings.clutter) * perceptions.reliabilities
+        is_known = (perceptions.identities != "") & np.isin(
+            perceptions.identities, self._map.identities
+        )
+        of_none = np.where(is_known, min(_MISREAD, self._settings.clutter), self._settings.clutter)
+        clutter = 1.0 - (1.0 - of_none) * perceptions.reliabilities
         return Seen(
             perceptions.base_t_landmarks(),
             perceptions.kinds,

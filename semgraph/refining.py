@@ -120,8 +120,7 @@ def write_refinement(refinement: Refinement, folder: Path) -> None:
         covariances = result.pose_covariances[scans]
         write_covariances(folder / f"trajectory_covariance{end}.csv", trajectory, covariances)
     if refinement.changes is not None:
-        rows = [",".join(_cells(change)) for change in refinement.changes]
-        write_text(folder / REPORT_CSV, "\n".join([",".join(_COLUMNS), *rows]) + "\n")
+        write_changes(folder / REPORT_CSV, refinement.changes)
     write_text(folder / REPORT_TXT, "\n".join(report(refinement)) + "\n")
     told = {
         "sessions": list(refinement.names),
@@ -132,6 +131,16 @@ def write_refinement(refinement: Refinement, folder: Path) -> None:
         "cost": result.cost,
     }
     write_text(folder / REFINED_JSON, json.dumps(told, indent=1) + "\n")
+
+
+def write_changes(path: Path, changed: Sequence[Change]) -> None:
+    """Writes what became of a map, a line each.
+
+    Raises:
+        SemgraphError: the file cannot be written.
+    """
+    rows = [",".join(_cells(change)) for change in changed]
+    write_text(path, "\n".join([",".join(_COLUMNS), *rows]) + "\n")
 
 
 def report(refinement: Refinement) -> list[str]:
@@ -149,16 +158,21 @@ def report(refinement: Refinement) -> list[str]:
     ]
     if refinement.changes is None:
         return lines
-    counts = {
-        fate: sum(change.fate is fate for change in refinement.changes)
-        for fate in (Fate.KEPT, Fate.MOVED, Fate.GONE, Fate.UNSURE, Fate.NOT_VISITED, Fate.ADDED)
-    }
-    lines.append(", ".join(f"{count} {fate.value}" for fate, count in counts.items()))
+    lines.append(counts_of(refinement.changes))
     told = [_line(each) for each in refinement.changes if each.fate not in _UNTOLD]
     lines += told[:_MAX_LINES]
     if len(told) > _MAX_LINES:
         lines.append(f"and {len(told) - _MAX_LINES} more: {REPORT_CSV}")
     return lines
+
+
+def counts_of(changed: Sequence[Change]) -> str:
+    """How many landmarks had which fate."""
+    counts = {
+        fate: sum(change.fate is fate for change in changed)
+        for fate in (Fate.KEPT, Fate.MOVED, Fate.GONE, Fate.UNSURE, Fate.NOT_VISITED, Fate.ADDED)
+    }
+    return ", ".join(f"{count} {fate.value}" for fate, count in counts.items())
 
 
 _UNTOLD: Final = (Fate.KEPT, Fate.NOT_VISITED)

@@ -80,10 +80,11 @@ def triangles_of(positions: FloatArray, kinds: IntArray, reach_m: float) -> Tria
     """
     corners = _corners(positions, reach_m)
     places = positions @ (1.0, 1.0j)
-    a, b, c = places[corners].T
+    a, b, c = (places[corner] for corner in corners.T)
     clockwise = np.imag(np.conj(b - a) * (c - a)) < 0.0
-    corners[clockwise] = corners[clockwise][:, [0, 2, 1]]
-    sides_m = np.abs(np.diff(places[corners], axis=1, append=places[corners[:, :1]]))
+    corners[clockwise, 1:] = corners[clockwise, :0:-1]
+    b, c = np.where(clockwise, c, b), np.where(clockwise, b, c)
+    sides_m = np.column_stack([np.abs(b - a), np.abs(c - b), np.abs(a - c)])
     order = (sides_m.argmax(axis=1)[:, None] + np.arange(3)) % 3
     corners = np.take_along_axis(corners, order, axis=1)
     sides_m = np.take_along_axis(sides_m, order, axis=1)
@@ -98,12 +99,16 @@ def _corners(positions: FloatArray, reach_m: float) -> IntArray:
     k = min(_NUM_NEIGHBOURS, n - 1)
     _, near = KDTree(positions).query(positions, k + 1, distance_upper_bound=reach_m)
     first, second = np.triu_indices(k + 1, 1)
-    triples = np.stack(
-        np.broadcast_arrays(np.arange(n)[:, None], near[:, first], near[:, second]), axis=2
-    ).reshape(-1, 3)
-    triples = np.sort(triples, axis=1)
-    is_one = (np.diff(triples, axis=1) > 0).all(axis=1) & (triples[:, 2] < n)
-    keys = np.unique(triples[is_one] @ np.array([n * n, n, 1]))
+    own = np.repeat(np.arange(n), len(first))
+    one, other = near[:, first].ravel(), near[:, second].ravel()
+    low = np.minimum(np.minimum(own, one), other)
+    high = np.maximum(np.maximum(own, one), other)
+    middle = own + one + other - low - high
+    is_one = (low < middle) & (middle < high) & (high < n)
+    keys = ((low * n + middle) * n + high)[is_one]
+    # Much quicker than np.unique, which hashes.
+    keys.sort()
+    keys = keys[np.append(True, keys[1:] != keys[:-1])] if len(keys) else keys
     return np.column_stack([keys // (n * n), keys // n % n, keys % n]).astype(np.int64)
 
 

@@ -36,6 +36,7 @@ def run_of(errors_m: list[float], qualities: list[float]) -> Run:
         np.zeros(n),
         np.full(n, 0.1),
         np.zeros(n),
+        np.full(n, 5.0),
     )
 
 

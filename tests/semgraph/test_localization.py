@@ -49,6 +49,17 @@ def test_it_is_found_from_anywhere(mapped: Path, capsys: pytest.CaptureFixture[s
     assert float(rmse.split(": ")[1].split(" m")[0]) < 0.15
 
 
+def test_the_map_grows_if_it_may(mapped: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = localized(mapped, "--grow")
+    assert "kept" in capsys.readouterr().out
+    assert (folder / "report.csv").read_text().startswith("fate,kind,prior")
+    assert (folder / "trajectory_localized.tum").exists()
+    before, after = (len((each / "map.csv").read_text().splitlines()) for each in (mapped, folder))
+    assert abs(after - before) <= 2
+    assert (folder / "map.csv").read_bytes() != (mapped / "map.csv").read_bytes()
+    assert len(read(folder).smoothed) == 131
+
+
 def test_a_start_within_a_radius(mapped: Path) -> None:
     assert len(read(localized(mapped, "--radius", "3", "10", "0")).smoothed) == 131
 

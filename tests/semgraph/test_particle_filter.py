@@ -9,7 +9,14 @@ from semgraph.fixed_map import FixedMap
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Kind, Perceptions
 from semgraph.particle_filter import FilterSettings, ParticleFilter
-from semgraph.particles import Particles, kld_number, num_bins, systematic
+from semgraph.particles import (
+    Gaussian,
+    Particles,
+    importance_samples,
+    kld_number,
+    num_bins,
+    systematic,
+)
 from semgraph.pose_likelihood import LikelihoodSettings, PoseLikelihood
 from semgraph.pose_quality import Elsewhere, UsualSight
 from tests.semgraph.stands import ODOMETRY, fixed, measured, moved, perceive, stand
@@ -217,3 +224,35 @@ def test_more_places_need_more_particles() -> None:
     poses = np.array([[0.1, 0.1, 0.0], [0.2, 0.1, 0.0], [5.0, 0.0, 0.0], [5.0, 0.0, 1.0]])
     assert num_bins(poses) == 3
     assert Particles.alike(poses).effective == pytest.approx(4.0)
+
+
+def test_a_leap_is_found_again_by_what_is_near() -> None:
+    """The same three trees stand in sixty places, only one of them near."""
+    spots = np.vstack([[5.0, 5.0], np.random.default_rng(3).uniform(30.0, 400.0, (59, 2))])
+    three = np.array([[0.0, 0.0], [4.0, 1.0], [1.0, 3.0]])
+    trees = fixed((spots[:, None] + three).reshape(-1, 2))
+    before, after = Pose2(3.0, 3.0, 0.2), Pose2(6.5, 2.0, 0.9)
+    rng, still = np.random.default_rng(0), UncertainPose2(Pose2(), np.diag([0.1, 0.1, 0.05]) ** 2)
+    particles = filter_in(trees)
+    particles.start_at(UncertainPose2(before, np.diag([0.05, 0.05, 0.02]) ** 2))
+    belief = particles.step(perceive(trees, before, 0, rng), STILL)
+    for k in range(1, 4):
+        belief = particles.step(perceive(trees, after, k, rng), still, leaps=0.01)
+    assert error(belief, after) < (0.15, 0.03)
+    assert belief.quality > 0.9
+
+
+def test_hardly_any_sample_with_weight_is_drawn_anew() -> None:
+    narrow = Gaussian(np.array([1.0, 2.0, 0.3]), np.diag([0.2, 0.2, 0.05]) ** 2)
+    wide = Gaussian(np.zeros(3), np.diag([3.0, 3.0, 1.0]) ** 2)
+    drawn = wide.draw(300, np.random.default_rng(0))
+    once = np.exp(narrow.log_densities(drawn) - wide.log_densities(drawn))
+    assert Particles(drawn, once / once.sum()).effective < 5.0
+    poses, log_weights = importance_samples(
+        narrow.log_densities, (wide,), 300, np.random.default_rng(0)
+    )
+    weights = np.exp(log_weights)
+    found = Particles(poses, weights / weights.sum())
+    assert found.effective > 10.0
+    np.testing.assert_allclose(found.gaussian().mean, narrow.mean, atol=0.1)
+    assert 0.1 < np.sqrt(found.gaussian().covariance[0, 0]) < 0.3
