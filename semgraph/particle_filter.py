@@ -192,6 +192,10 @@ class ParticleFilter:
     def _is_compact(self) -> bool:
         return self._particles.gaussian().is_within(_COMPACT_M, _COMPACT_RAD)
 
+    def _is_one_place(self) -> bool:
+        """Whether a Gaussian stands for the particles, be it a wide one after an unsure motion."""
+        return self._blur == (0.0, 0.0) or self._is_compact()
+
     def _move(self, motion: UncertainPose2, leaps: float) -> None:
         noise = self._rng.multivariate_normal(
             np.zeros(3), motion.covariance, len(self._particles), method="eigh"
@@ -241,8 +245,8 @@ class ParticleFilter:
 
     def _weigh(self, seen: Seen) -> float:
         """Log of how much better what is followed, weighed, explains the scan than elsewhere."""
-        is_compact = self._is_compact()
-        if is_compact:
+        is_one_place = self._is_one_place()
+        if is_one_place:
             poses, log_weights = self._refined(seen)
         else:
             poses = self._particles.poses
@@ -252,7 +256,7 @@ class ParticleFilter:
             log_weights = log_weights + self._likelihood.log_likelihoods(blurred, poses)
         evidence = log_sum(log_weights)
         self._particles = Particles(poses, np.exp(log_weights - evidence))
-        if not is_compact:
+        if not is_one_place:
             self._resample()
         return evidence
 
