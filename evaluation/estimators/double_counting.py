@@ -9,13 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from evaluation.estimators.driving import Step, drive
 from evaluation.estimators.estimate import Estimate
-from semgraph.fast_estimator import FastEstimator, FastStep
+from evaluation.estimators.graph import smoothed_with
+from semgraph.fast_estimator import FastStep
 from semgraph.geometry import Pose2, UncertainPose2
-from semgraph.graph_beside import GraphInProcess
-from semgraph.pipeline import Moment
-from semgraph.progress import Silence
 from semgraph.settings import Settings
 from sensors.truth import Source
 
@@ -23,26 +20,7 @@ from sensors.truth import Source
 def estimate(source: Source, settings: Settings, rng: np.random.Generator) -> Estimate:
     """Path and map by that graph, all else as `smoothed`."""
     del rng
-    map_T_last = source.recording.map_T_start
-    tracker = FastEstimator(settings.tracker, map_T_last)
-    graph = GraphInProcess(settings.smoother, map_T_last)
-
-    def step(moment: Moment) -> Step:
-        nonlocal map_T_last
-        tracked = tracker.step(moment.perceptions, moment.odometry)
-        graph.add(_counted_twice(tracked, map_T_last), moment.perceptions, moment.views)
-        map_T_last = tracked.map_T_base.pose
-        return Step(tracked.map_T_base, tracked.landmark_ids)
-
-    said = drive(source, settings, step)
-    made = graph.finish(Silence().note)
-    return Estimate(
-        made.trajectory,
-        made.covariances,
-        made.landmarks,
-        made.associations,
-        np.array(said.seconds),
-    )
+    return smoothed_with(source, settings, _counted_twice)
 
 
 def _counted_twice(step: FastStep, map_T_last: Pose2) -> FastStep:

@@ -1,5 +1,6 @@
 """The graph: online with iSAM2 in this process, and refined offline when the run is over."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,8 @@ from semgraph.arrays import FloatArray
 from semgraph.decisions import What
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
-from semgraph.fast_estimator import FastEstimator
+from semgraph.fast_estimator import FastEstimator, FastStep
+from semgraph.geometry import Pose2
 from semgraph.graph_beside import GraphInProcess
 from semgraph.pipeline import Moment
 from semgraph.progress import Silence
@@ -19,6 +21,9 @@ from semgraph.run_log import LogRecorder, RunLog
 from semgraph.settings import Settings
 from semgraph.smoothed import Smoothed
 from sensors.truth import Source
+
+# What the graph is told of a step, by the tracker's pose before it.
+Told = Callable[[FastStep, Pose2], FastStep]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +39,12 @@ class _Run:
 def smoothed(source: Source, settings: Settings, rng: np.random.Generator) -> Estimate:
     """Path and map by the graph beside the tracker, in the end."""
     del rng
-    run = _smooth(source, settings)
+    return smoothed_with(source, settings, lambda step, _: step)
+
+
+def smoothed_with(source: Source, settings: Settings, told: Told) -> Estimate:
+    """The same by a graph that is told something else of each step."""
+    run = _smooth(source, settings, told)
     made = run.smoothed
     return Estimate(
         made.trajectory,
@@ -51,7 +61,7 @@ def smoothed(source: Source, settings: Settings, rng: np.random.Generator) -> Es
 def refined(source: Source, settings: Settings, rng: np.random.Generator) -> Estimate:
     """Path and map by the batch over the run's log, associations decided anew."""
     del rng
-    run = _smooth(source, settings)
+    run = _smooth(source, settings, lambda step, _: step)
     session = (source.recording.name, run.log)
     found = refine_sessions([session], settings.smoother, None, None, Silence().note)
     ends = np.searchsorted(run.log.scans, np.arange(1, len(run.log.trajectory)))
@@ -65,14 +75,17 @@ def refined(source: Source, settings: Settings, rng: np.random.Generator) -> Est
     )
 
 
-def _smooth(source: Source, settings: Settings) -> _Run:
-    map_T_start = source.recording.map_T_start
+def _smooth(source: Source, settings: Settings, told: Told) -> _Run:
+    map_T_start = map_T_last = source.recording.map_T_start
     tracker = FastEstimator(settings.tracker, map_T_start)
     graph = GraphInProcess(settings.smoother, map_T_start)
     recorder, latest = LogRecorder(settings.smoother.start(map_T_start)), list[FloatArray]()
 
     def step(moment: Moment) -> Step:
-        tracked = tracker.step(moment.perceptions, moment.odometry)
+        nonlocal map_T_last
+        followed = tracker.step(moment.perceptions, moment.odometry)
+        tracked = told(followed, map_T_last)
+        map_T_last = followed.map_T_base.pose
         graph.add(tracked, moment.perceptions, moment.views)
         recorder.add(tracked, moment.perceptions, moment.views)
         latest.append(graph.latest().as_array())
