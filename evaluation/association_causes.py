@@ -10,11 +10,11 @@ from semgraph.arrays import IntArray
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
 from semgraph.fast_estimator import FastEstimator
+from semgraph.files.yaw_rates import YawRateLog
+from semgraph.graph.smoother import Smoother
 from semgraph.perceiving import Perceiver
 from semgraph.pipeline import moments
 from semgraph.settings import Settings
-from semgraph.smoother import Smoother
-from semgraph.yaw_rates import YawRateLog
 from sensors.truth import Source
 
 _NONE: Final = -1

@@ -21,8 +21,8 @@ from pydantic import BaseModel, Field, RootModel
 from evaluation.metrics import Direction, Metric
 from evaluation.studies.trial import Outcome, Status
 from semgraph.arrays import FloatArray
-from semgraph.json_files import STRICT, read_json
-from semgraph.tables import write_text
+from semgraph.files.json_files import STRICT, read_json
+from semgraph.files.tables import write_text
 
 METRICS: Final = (
     "trajectory_rmse_m",

@@ -7,20 +7,20 @@ from typing import Final, Self
 import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray
-from semgraph.batch import Batch, Belief, Prior
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
-from semgraph.factor_graph import FactorGraph
-from semgraph.factors import Sighting
 from semgraph.fast_estimator import FastEstimator
+from semgraph.files.yaw_rates import YawRateLog
 from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.graph.factor_graph import FactorGraph
+from semgraph.graph.factors import Sighting
+from semgraph.graph.loop_closure import GraphLandmark
 from semgraph.landmarks import Kind, Perceptions
-from semgraph.loop_closure import GraphLandmark
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
+from semgraph.offline.batch import Batch, Belief, Prior
 from semgraph.perceiving import Perceiver
 from semgraph.pipeline import moments
 from semgraph.settings import Settings
-from semgraph.yaw_rates import YawRateLog
 from sensors.truth import Source, TrueLandmarks, TruePath
 
 _NEAR_M: Final = 0.5

@@ -10,8 +10,8 @@ from evaluation.metrics import Direction, Metric, judge
 from evaluation.truth_files import read_truth
 from semgraph import results
 from semgraph.errors import InputError
-from semgraph.json_files import STRICT, read_json
-from semgraph.tables import write_text
+from semgraph.files.json_files import STRICT, read_json
+from semgraph.files.tables import write_text
 
 METRICS_JSON = "metrics.json"
 MAP_PNG = "map.png"

@@ -7,8 +7,8 @@ import numpy as np
 from evaluation.trajectory import MAX_GAP_NS
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.estimates import Trajectory
+from semgraph.files.yaw_rates import YawRates
 from semgraph.geometry import wrap_angle
-from semgraph.yaw_rates import YawRates
 
 
 @dataclass(frozen=True, slots=True, eq=False)

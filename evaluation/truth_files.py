@@ -11,10 +11,8 @@ from pydantic import BaseModel, ValidationError
 from semgraph.arrays import IntArray
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
-from semgraph.json_files import STRICT, first_fault
-from semgraph.landmarks import Kind
-from semgraph.results import read_toml
-from semgraph.tables import (
+from semgraph.files.json_files import STRICT, first_fault
+from semgraph.files.tables import (
     Row,
     column_floats,
     column_stamps_ns,
@@ -22,7 +20,9 @@ from semgraph.tables import (
     stamp_text,
     write_text,
 )
-from semgraph.trajectory_files import read_tum, write_tum
+from semgraph.files.trajectory_files import read_tum, write_tum
+from semgraph.landmarks import Kind
+from semgraph.results import read_toml
 from sensors.truth import TrueLandmarks, TruePath, Truth
 
 TRUTH_TOML = "truth.toml"

@@ -6,12 +6,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from semgraph.argument_types import DATA, AddParser, positive, seeds, sigma
-from semgraph.baseline_command import add_baseline, call_baseline
-from semgraph.bench_all_command import add_bench_all, call_bench_all
+from semgraph.command_line.argument_types import DATA, AddParser, positive, seeds, sigma
+from semgraph.command_line.baseline_command import add_baseline, call_baseline
+from semgraph.command_line.bench_all_command import add_bench_all, call_bench_all
+from semgraph.command_line.report_command import add_report, call_report
+from semgraph.command_line.study_arguments import add_study, call_study
 from semgraph.errors import SemgraphError
-from semgraph.report_command import add_report, call_report
-from semgraph.study_arguments import add_study, call_study
 
 _SOURCES = """\
 sources:
@@ -65,7 +65,7 @@ def _call(parsed: argparse.Namespace) -> None:
     if parsed.command in own:
         own[parsed.command](parsed)
         return
-    from semgraph import commands
+    from semgraph.command_line import commands
 
     match parsed.command:
         case "demo":
@@ -88,7 +88,7 @@ def _call(parsed: argparse.Namespace) -> None:
 
 
 def _look_at_results(parsed: argparse.Namespace) -> None:
-    from semgraph import commands
+    from semgraph.command_line import commands
 
     match parsed.command:
         case "evaluate":
@@ -102,7 +102,7 @@ def _look_at_results(parsed: argparse.Namespace) -> None:
 
 
 def _call_localize(parsed: argparse.Namespace) -> None:
-    from semgraph.localize_command import localize
+    from semgraph.command_line.localize_command import localize
 
     localize(
         parsed.source,
@@ -120,7 +120,7 @@ def _call_bench(parsed: argparse.Namespace) -> None:
     if parsed.bench in ("all", None):
         call_bench_all(parsed)
         return
-    from semgraph import commands
+    from semgraph.command_line import commands
 
     match parsed.bench:
         case "graph":
@@ -138,7 +138,7 @@ def _call_bench(parsed: argparse.Namespace) -> None:
 
 
 def _call_refine(parsed: argparse.Namespace) -> None:
-    from semgraph import commands
+    from semgraph.command_line import commands
     from semgraph.geometry import Pose2
 
     commands.refine(

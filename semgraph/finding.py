@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from semgraph.constellation import Constellation, MapIndex
+from semgraph.constellations.constellation import Constellation, MapIndex
 from semgraph.geometry import UncertainPose2
 from semgraph.landmarks import Perceptions
 from semgraph.measurement_model import CHI2_3DOF_999

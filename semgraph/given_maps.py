@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 
 from semgraph.errors import InputError
+from semgraph.files.map_files import CSV_COLUMNS, read_map_json
+from semgraph.files.tables import Row, column_floats, read_csv_rows, read_text
 from semgraph.landmarks import Kind, Landmark, semantic_object
-from semgraph.map_files import CSV_COLUMNS, read_map_json
-from semgraph.tables import Row, column_floats, read_csv_rows, read_text
 
 LIST_COLUMNS: Final = ("x_m", "y_m", "kind", "diameter_m")
 STEM_COLUMNS: Final = (("x", "y"), ("x", "y", "diameter"))

@@ -12,20 +12,20 @@ from semgraph.arrays import FloatArray
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
 from semgraph.fast_estimator import FastEstimator
-from semgraph.fixed_map import FixedMap
+from semgraph.files.tables import stamp_text, write_text
+from semgraph.files.trajectory_files import write_tum
+from semgraph.files.yaw_rates import YawRateLog
 from semgraph.geometry import Pose2
+from semgraph.known_map.fixed_map import FixedMap
 from semgraph.landmarks import Landmark
 from semgraph.localizer import Localized, Localizer, Start, Use
-from semgraph.map_growth import Grown, Stretches
+from semgraph.offline.map_growth import Grown, Stretches
+from semgraph.offline.refining import REPORT_CSV, write_changes
 from semgraph.perceiving import Perceiver
 from semgraph.pipeline import Moment, moments
 from semgraph.progress import Report
-from semgraph.refining import REPORT_CSV, write_changes
 from semgraph.results import RunResult, write_files
 from semgraph.settings import Settings
-from semgraph.tables import stamp_text, write_text
-from semgraph.trajectory_files import write_tum
-from semgraph.yaw_rates import YawRateLog
 from sensors.measurements import Recording
 
 QUALITY_CSV: Final = "quality.csv"

@@ -23,18 +23,18 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from semgraph.belief import Belief
 from semgraph.errors import InputError
 from semgraph.fast_estimator import FastEstimator, FastSettings, FastStep
-from semgraph.fixed_map import FixedMap
 from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
+from semgraph.known_map.belief import Belief
+from semgraph.known_map.fixed_map import FixedMap
+from semgraph.known_map.particles import Gaussian
+from semgraph.known_map.pose_likelihood import PoseLikelihood
+from semgraph.known_map.pose_quality import Elsewhere
+from semgraph.known_map.surroundings import Surroundings
 from semgraph.landmarks import Perceptions
 from semgraph.motion_model import MotionNoise, constant_motion
 from semgraph.particle_filter import FilterSettings, ParticleFilter
-from semgraph.particles import Gaussian
-from semgraph.pose_likelihood import PoseLikelihood
-from semgraph.pose_quality import Elsewhere
-from semgraph.surroundings import Surroundings
 
 _LARGE_M: Final = 1.0
 _LARGE_RAD: Final = float(np.radians(20.0))

@@ -12,11 +12,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from semgraph.arrays import FloatArray, IntArray
-from semgraph.belief import Belief, Region
 from semgraph.geometry import UncertainPose2, wrap_angle
-from semgraph.landmarks import Perceptions
-from semgraph.likelihood_field import Seen
-from semgraph.particles import (
+from semgraph.known_map.belief import Belief, Region
+from semgraph.known_map.likelihood_field import Seen
+from semgraph.known_map.particles import (
     Gaussian,
     Particles,
     compose,
@@ -28,9 +27,10 @@ from semgraph.particles import (
     systematic,
     volume_of_bins,
 )
-from semgraph.pose_likelihood import LikelihoodSettings, PoseLikelihood
-from semgraph.pose_proposals import PoseProposals
-from semgraph.pose_quality import Elsewhere, UsualSight
+from semgraph.known_map.pose_likelihood import LikelihoodSettings, PoseLikelihood
+from semgraph.known_map.pose_proposals import PoseProposals
+from semgraph.known_map.pose_quality import Elsewhere, UsualSight
+from semgraph.landmarks import Perceptions
 
 _SEEDS_EACH: Final = 40
 # A place whose weight fewer seeds carry is not followed yet.

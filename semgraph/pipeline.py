@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from semgraph.beside.graph_beside import GraphBeside, GraphInProcess
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
 from semgraph.fast_estimator import FastEstimator, FastStep
+from semgraph.files.run_log import LogRecorder
+from semgraph.files.yaw_rates import YawRateLog
 from semgraph.geometry import Pose2, UncertainPose2
-from semgraph.graph_beside import GraphBeside, GraphInProcess
 from semgraph.landmarks import Perceptions, concatenate
 from semgraph.motion_model import OdometryAccumulator
 from semgraph.navigation_map import NavigationMap
@@ -20,10 +22,8 @@ from semgraph.pacing import Pace
 from semgraph.perceiving import Perceiver
 from semgraph.progress import Report
 from semgraph.results import RunResult
-from semgraph.run_log import LogRecorder
 from semgraph.settings import Settings
 from semgraph.trace import Trace
-from semgraph.yaw_rates import YawRateLog
 from sensors.measurements import ImuSample, Measurement, Raw, Recording, WheelOdometry
 from sensors.views import View
 

@@ -14,19 +14,19 @@ import tomli_w
 from pydantic import BaseModel
 
 from semgraph.arrays import FloatArray, IntArray, frozen_floats
-from semgraph.decision_files import read_decisions, write_decisions
 from semgraph.decisions import Decision
 from semgraph.errors import InputError, SettingsError
 from semgraph.estimates import Trajectory
-from semgraph.json_files import STRICT, read_json
+from semgraph.files.decision_files import read_decisions, write_decisions
+from semgraph.files.json_files import STRICT, read_json
+from semgraph.files.map_files import read_map_json, write_map_csv, write_map_json
+from semgraph.files.run_log import LOG_NPZ, RunLog, write_log
+from semgraph.files.staging import staged_folder
+from semgraph.files.tables import read_text, write_text
+from semgraph.files.trajectory_files import read_covariances, read_tum, write_covariances, write_tum
+from semgraph.files.yaw_rates import YawRates, read_yaw_rates, write_yaw_rates
 from semgraph.landmarks import Gone, Landmark
-from semgraph.map_files import read_map_json, write_map_csv, write_map_json
-from semgraph.run_log import LOG_NPZ, RunLog, write_log
 from semgraph.smoothed import Online
-from semgraph.staging import staged_folder
-from semgraph.tables import read_text, write_text
-from semgraph.trajectory_files import read_covariances, read_tum, write_covariances, write_tum
-from semgraph.yaw_rates import YawRates, read_yaw_rates, write_yaw_rates
 
 RUN_JSON = "run.json"
 TRAJECTORY_TUM = "trajectory.tum"

@@ -7,11 +7,11 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from semgraph.beside.online import OnlineSettings
 from semgraph.errors import SettingsError, known_names
 from semgraph.fast_estimator import FastSettings
+from semgraph.graph.smoother import SmootherSettings
 from semgraph.localizer import LocalizerSettings
-from semgraph.online import OnlineSettings
-from semgraph.smoother import SmootherSettings
 
 
 class TrackerSettings(FastSettings):

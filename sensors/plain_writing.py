@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from semgraph.errors import InputError
+from semgraph.files.staging import staged_folder
 from semgraph.landmarks import Kind, Perceptions
-from semgraph.staging import staged_folder
 from sensors.files import is_there
 from sensors.measurements import (
     CameraGeometry,

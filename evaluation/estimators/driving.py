@@ -11,13 +11,13 @@ from evaluation.estimators.estimate import Estimate
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
+from semgraph.files.yaw_rates import YawRateLog
 from semgraph.geometry import UncertainPose2
 from semgraph.landmarks import Landmark, Perceptions
 from semgraph.ordering import InOrder
 from semgraph.perceiving import Perceiver
 from semgraph.pipeline import Moment, moments
 from semgraph.settings import Settings
-from semgraph.yaw_rates import YawRateLog
 from sensors.measurements import Recording
 from sensors.truth import Source
 

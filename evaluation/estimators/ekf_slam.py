@@ -19,11 +19,11 @@ from evaluation.estimators.pose_and_map import PoseAndMap
 from evaluation.estimators.sighted import Sighted
 from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.geometry import UncertainPose2, wrap_angle
+from semgraph.graph.smoother import SmootherSettings
 from semgraph.landmarks import LEAST_RANGE_M, Landmark, Perceptions
 from semgraph.measurement_model import mahalanobis2
 from semgraph.pipeline import Moment
 from semgraph.settings import Settings
-from semgraph.smoother import SmootherSettings
 from sensors.truth import Source
 
 _JOINT: Final = 0.999

@@ -8,16 +8,16 @@ import numpy as np
 from evaluation.estimators.driving import Drive, Step, drive
 from evaluation.estimators.estimate import Estimate
 from semgraph.arrays import FloatArray
+from semgraph.beside.graph_beside import GraphInProcess
 from semgraph.decisions import What
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
 from semgraph.fast_estimator import FastEstimator, FastStep
+from semgraph.files.run_log import LogRecorder, RunLog
 from semgraph.geometry import Pose2
-from semgraph.graph_beside import GraphInProcess
+from semgraph.offline.refining import refine_sessions
 from semgraph.pipeline import Moment
 from semgraph.progress import Silence
-from semgraph.refining import refine_sessions
-from semgraph.run_log import LogRecorder, RunLog
 from semgraph.settings import Settings
 from semgraph.smoothed import Smoothed
 from sensors.truth import Source

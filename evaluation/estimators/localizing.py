@@ -12,8 +12,8 @@ from evaluation.estimators.driving import Step, drive, start_of
 from evaluation.estimators.estimate import Estimate
 from evaluation.trajectory import true_poses
 from semgraph.errors import InputError
-from semgraph.fixed_map import FixedMap
 from semgraph.geometry import Pose2
+from semgraph.known_map.fixed_map import FixedMap
 from semgraph.landmarks import Kind, Landmark, semantic_object
 from semgraph.localizer import Localizer, Start, Use
 from semgraph.pipeline import Moment

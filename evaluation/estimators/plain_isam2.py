@@ -26,7 +26,8 @@ from evaluation.estimators.sighted import Sighted
 from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.errors import GraphError
 from semgraph.estimates import Trajectory
-from semgraph.factors import (
+from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.graph.factors import (
     Odometry,
     Sighting,
     odometry_factor,
@@ -34,12 +35,11 @@ from semgraph.factors import (
     sighting_factor,
     to_gtsam,
 )
-from semgraph.geometry import Pose2, UncertainPose2
-from semgraph.information import Information
+from semgraph.graph.information import Information
+from semgraph.graph.smoother import SmootherSettings
 from semgraph.landmarks import Landmark, Perceptions
 from semgraph.pipeline import Moment
 from semgraph.settings import Settings
-from semgraph.smoother import SmootherSettings
 from sensors.truth import Source
 
 _AROUND_M: Final = 1.0

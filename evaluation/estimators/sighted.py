@@ -6,9 +6,9 @@ from typing import final
 import numpy as np
 
 from semgraph.arrays import BoolArray, FloatArray, IntArray
+from semgraph.graph.smoother import SmootherSettings
 from semgraph.landmarks import Kind, Landmark, Perceptions, semantic_object
 from semgraph.matching import LocalMap, compatible
-from semgraph.smoother import SmootherSettings
 
 
 @final

@@ -21,8 +21,8 @@ from evaluation.figures.style import (
 )
 from semgraph.arrays import FloatArray
 from semgraph.landmarks import Kind
-from semgraph.map_changes import Change, Fate
-from semgraph.refining import Refinement
+from semgraph.offline.map_changes import Change, Fate
+from semgraph.offline.refining import Refinement
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,7 @@ from evaluation.metrics import Direction, Metric
 from evaluation.studies.trial import MAX_SAMPLES, Drawing, Outcome, Series, Status, Trial
 from semgraph.arrays import FloatArray, frozen_floats
 from semgraph.errors import InputError
-from semgraph.json_files import STRICT, first_fault
+from semgraph.files.json_files import STRICT, first_fault
 
 MAX_LINE_BYTES: Final = 4 * 2**20
 _MAX_POINTS: Final = 100_000

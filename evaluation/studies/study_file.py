@@ -15,7 +15,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from evaluation.studies.trial import Trial
 from semgraph.errors import InputError, known_names
-from semgraph.json_files import STRICT, first_fault
+from semgraph.files.json_files import STRICT, first_fault
 
 DATA: Final = "{data}"
 MAX_SEEDS: Final = 10_000

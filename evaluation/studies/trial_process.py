@@ -21,8 +21,8 @@ from typing import BinaryIO, Final, NoReturn, cast
 
 from evaluation.studies.outcome_lines import MAX_LINE_BYTES, outcome_line, parse_trial
 from evaluation.studies.trial import Outcome, Status, Trial
+from semgraph.beside.worker import ended_by
 from semgraph.errors import InputError, SemgraphError
-from semgraph.worker import ended_by
 
 READY: Final = b"ready\n"
 MEASURE: Final = "evaluation.studies.prepared:measure"

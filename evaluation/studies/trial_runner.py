@@ -13,8 +13,8 @@ from typing import IO, Final, final
 from evaluation.studies.outcome_lines import outcome_line, trial_line
 from evaluation.studies.trial import Outcome, Status, Trial
 from evaluation.studies.trial_process import READY, Limits
+from semgraph.beside.worker import ended_by
 from semgraph.one_thread import ONE_THREAD
-from semgraph.worker import ended_by
 
 _MODULE: Final = "evaluation.studies.trial_process"
 _NUM_ATTEMPTS: Final = 3

@@ -6,10 +6,10 @@ import numpy as np
 
 from semgraph.arrays import FloatArray
 from semgraph.estimates import Trajectory
+from semgraph.files.yaw_rates import YawRates
 from semgraph.geometry import Pose2
 from semgraph.landmarks import Kind, Landmark, semantic_object
 from semgraph.results import RunResult
-from semgraph.yaw_rates import YawRates
 from sensors.simulation.imu import SimulatedImu, simulate_imu
 from sensors.truth import TrueLandmarks, TruePath, Truth
 

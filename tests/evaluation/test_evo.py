@@ -13,7 +13,7 @@ import pytest
 from evaluation.alignment import Alignment
 from evaluation.trajectory import compare_path, frame_errors, rmse
 from semgraph.estimates import Trajectory
-from semgraph.trajectory_files import write_tum
+from semgraph.files.trajectory_files import write_tum
 from sensors.truth import TruePath
 from tests.evaluation.course import make_run
 

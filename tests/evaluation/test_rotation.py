@@ -6,7 +6,7 @@ import pytest
 from evaluation.rotation import turn_rates
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.estimates import Trajectory
-from semgraph.yaw_rates import YawRates
+from semgraph.files.yaw_rates import YawRates
 from sensors.simulation.imu import SimulatedImu, simulate_imu
 
 PERFECT = SimulatedImu(0.0, 0.0, 0.0, 0.0, 0.0)

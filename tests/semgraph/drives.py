@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from semgraph.factor_graph import FactorGraph
-from semgraph.factors import Sighting
 from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.graph.factor_graph import FactorGraph
+from semgraph.graph.factors import Sighting
 from semgraph.measurement_model import predict
 
 LANDMARKS = np.array([[3.0, 4.0], [6.0, -2.0], [8.0, 5.0], [2.0, -5.0]])

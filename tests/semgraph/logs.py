@@ -3,9 +3,9 @@
 import numpy as np
 
 from semgraph.estimates import Trajectory
+from semgraph.files.run_log import RunLog
 from semgraph.geometry import Pose2
 from semgraph.landmarks import Kind, Perceptions
-from semgraph.run_log import RunLog
 from sensors.views import View
 from tests.semgraph.drives import LANDMARKS, NOISE, drive
 

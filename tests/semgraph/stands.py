@@ -3,8 +3,8 @@
 import numpy as np
 
 from semgraph.arrays import FloatArray
-from semgraph.fixed_map import FixedMap
 from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
+from semgraph.known_map.fixed_map import FixedMap
 from semgraph.landmarks import Kind, Perceptions, polar_covariances
 
 SIGMAS = (0.03, 0.005)

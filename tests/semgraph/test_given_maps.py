@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from semgraph.errors import InputError
+from semgraph.files.map_files import write_map_csv, write_map_json
 from semgraph.given_maps import read_given_map
 from semgraph.landmarks import Kind, Landmark, Tree, semantic_object
-from semgraph.map_files import write_map_csv, write_map_json
 
 LANDMARKS = (
     Landmark(3, semantic_object(Kind.TREE, 0.3, 0.02), np.array([1.0, 2.0]), np.eye(2), 5, 0.9),

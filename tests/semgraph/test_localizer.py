@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from semgraph.errors import InputError
-from semgraph.fixed_map import FixedMap
 from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.known_map.fixed_map import FixedMap
 from semgraph.localizer import (
     Estimator,
     Localized,

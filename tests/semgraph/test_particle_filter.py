@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from semgraph.alignment import fuse_with_prior
-from semgraph.belief import Belief
-from semgraph.fixed_map import FixedMap
 from semgraph.geometry import Pose2, UncertainPose2
-from semgraph.landmarks import Kind, Perceptions
-from semgraph.particle_filter import FilterSettings, ParticleFilter
-from semgraph.particles import (
+from semgraph.known_map.belief import Belief
+from semgraph.known_map.fixed_map import FixedMap
+from semgraph.known_map.particles import (
     Gaussian,
     Particles,
     importance_samples,
@@ -17,8 +15,10 @@ from semgraph.particles import (
     num_bins,
     systematic,
 )
-from semgraph.pose_likelihood import LikelihoodSettings, PoseLikelihood
-from semgraph.pose_quality import Elsewhere, UsualSight
+from semgraph.known_map.pose_likelihood import LikelihoodSettings, PoseLikelihood
+from semgraph.known_map.pose_quality import Elsewhere, UsualSight
+from semgraph.landmarks import Kind, Perceptions
+from semgraph.particle_filter import FilterSettings, ParticleFilter
 from tests.semgraph.stands import ODOMETRY, fixed, measured, moved, perceive, stand
 
 STEP = Pose2(0.3, 0.0, 0.03)

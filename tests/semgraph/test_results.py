@@ -11,9 +11,9 @@ from hypothesis.extra.numpy import arrays
 from semgraph import results
 from semgraph.errors import InputError, SemgraphError, SettingsError
 from semgraph.estimates import Trajectory
+from semgraph.files.yaw_rates import YawRates
 from semgraph.landmarks import Kind, Landmark, semantic_object
 from semgraph.results import RunResult
-from semgraph.yaw_rates import YawRates
 
 FILES = {
     "trajectory.tum",

@@ -13,9 +13,9 @@ from evaluation.estimators.ekf_slam import EkfSlam, paired
 from evaluation.estimators.estimate import Estimate
 from evaluation.oracle import oracle
 from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.graph.smoother import SmootherSettings
 from semgraph.landmarks import Kind, Perceptions, polar_covariances
 from semgraph.settings import Settings
-from semgraph.smoother import SmootherSettings
 from sensors.catalog import open_source
 from sensors.truth import Source
 from tests.evaluation.estimators.short_course import estimated, short_course

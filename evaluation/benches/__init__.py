@@ -1,0 +1,1 @@
+"""Figures measured beside the ones asked for: `semgraph bench`."""

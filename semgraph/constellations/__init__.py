@@ -1,0 +1,1 @@
+"""Where a group of landmarks stands in a map, without any prior."""

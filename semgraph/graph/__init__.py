@@ -1,0 +1,1 @@
+"""The graph beside the fast estimator: from sightings to a smoothed trajectory and map."""

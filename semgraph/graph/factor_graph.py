@@ -1,0 +1,328 @@
+"""The pose and landmark graph: what is added to it, made one and split."""
+
+from collections.abc import Iterable, Sequence, Set
+from dataclasses import dataclass
+
+import numpy as np
+
+from semgraph.arrays import FloatArray, IntArray, frozen_floats
+from semgraph.errors import GraphError
+from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
+from semgraph.graph.factors import ROBUST_CHI2, Sighting, check_definite, check_sighting
+from semgraph.graph.graph_covariances import GraphCovariances
+from semgraph.graph.graph_solver import JUMP_M, GraphEstimate, GraphSolver
+from semgraph.graph.windows import NONE
+from semgraph.measurement_model import innovations, mahalanobis2, predict
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Checkpoint:
+    """All variables at one moment, and what they cost."""
+
+    cost: float
+    estimate: GraphEstimate
+
+
+class FactorGraph:
+    """Poses 0, 1, 2, ... joined by odometry, and the landmarks they sighted.
+
+    Args:
+        map_T_start: of pose 0.
+        window_poses: so many poses are condensed into one factor once as many have followed;
+            0 for none.
+
+    Raises:
+        GraphError: the start has no positive definite covariance.
+    """
+
+    def __init__(self, map_T_start: UncertainPose2, window_poses: int = 0) -> None:
+        check_definite("start", map_T_start.covariance)
+        self._solver = GraphSolver(map_T_start, window_poses)
+        self._covariances = GraphCovariances(self._solver)
+
+    @property
+    def num_poses(self) -> int:
+        """How many poses there are, the start included."""
+        return self._solver.log.num_poses
+
+    @property
+    def is_updated(self) -> bool:
+        """Whether nothing waits for an update."""
+        return self._solver.isam.is_updated and not self._solver.windows.changed
+
+    @property
+    def incidents(self) -> Sequence[str]:
+        """What went wrong in updates and how it was mended, one line each."""
+        return tuple(self._solver.incidents)
+
+    def landmarks(self) -> tuple[int, ...]:
+        """The landmarks in the graph."""
+        return self._solver.log.names()
+
+    def sightings(self, landmark: int) -> Sequence[Sighting]:
+        """All sightings of a landmark."""
+        return tuple(map(self._solver.log.sighting, self._solver.log.rows(landmark).tolist()))
+
+    def num_sightings(self, landmark: int) -> int:
+        """How many there are of a landmark."""
+        return len(self._solver.log.rows(landmark))
+
+    def add_pose(self, motion: UncertainPose2, guess: Pose2) -> int:
+        """The index of a new pose, reached from the last one by `motion`; it starts at `guess`.
+
+        Raises:
+            GraphError: the motion has no positive definite covariance.
+        """
+        check_definite("motion", motion.covariance)
+        return self._solver.add_pose(motion, guess)
+
+    def add_landmark(self, landmark: int, guess: FloatArray) -> None:
+        """A new landmark near `guess` (2,); a sighting must follow before the next update.
+
+        Raises:
+            GraphError: it exists already.
+            InputError: the guess is no finite point.
+        """
+        if landmark in self._solver.log:
+            raise GraphError(f"landmark {landmark} is in the graph already")
+        guess = frozen_floats(f"guess of landmark {landmark}", guess, (2,))
+        self._solver.add_landmark(landmark, guess)
+
+    def add_sighting(self, sighting: Sighting) -> None:
+        """One more sighting of a landmark that is in the graph.
+
+        Raises:
+            GraphError: no such pose or landmark, or the pose is condensed; NaN, a range of zero or
+                below, or a covariance that is not positive definite. GTSAM would take them in
+                silence, and the log could never be solved again.
+            InputError: the covariance is no finite symmetric (2, 2).
+        """
+        self._check_known(sighting.landmark)
+        if not 0 <= sighting.pose < self.num_poses:
+            raise GraphError(
+                f"sighting of landmark {sighting.landmark}: expected a pose below "
+                f"{self.num_poses}, got {sighting.pose}"
+            )
+        if self._solver.windows.of_motion(sighting.pose) != NONE:
+            raise GraphError(f"sighting from pose {sighting.pose}: that is condensed already")
+        check_sighting(sighting)
+        self._solver.add_sighting(self._solver.log.add_sighting(sighting), sighting)
+
+    def merge(self, gone: int, kept: int) -> None:
+        """Makes two landmarks one with the next update: sightings of `gone` become `kept`'s.
+
+        Where drift has brought both so far apart that the robust kernel would let the sightings
+        go, they hold firmly at first, until the graph has moved.
+
+        Raises:
+            GraphError: both are the same or one is not in the graph; or factors wait for an
+                update, their places in iSAM2 are not known yet.
+        """
+        for landmark in (gone, kept):
+            self._check_known(landmark)
+        if gone == kept:
+            raise GraphError(f"landmark {gone}: expected another one to merge it with")
+        self._check_updated(gone)
+        rows = self._solver.log.rows(gone)
+        if self.are_far_apart(gone, kept):
+            self._solver.firm += self._solver.live(rows)
+        self._solver.hand_over(rows, kept)
+        self._solver.windows.hand_over(gone, kept)
+        self._solver.forget(gone)
+
+    def are_far_apart(self, gone: int, kept: int) -> bool:
+        """Whether the kernel would let go as one of `kept` a sighting that it holds of `gone`."""
+        rows = self._solver.log.rows(gone)
+        now, then = (self._misfits(rows, self.landmark(each)) for each in (gone, kept))
+        return bool(((now <= ROBUST_CHI2) & (then > ROBUST_CHI2)).any())
+
+    def split(self, landmark: int, tracks: Set[int], new: int) -> None:
+        """Takes a merge back with the next update: sightings of these tracks are of `new` again.
+
+        Raises:
+            GraphError: the landmark is not in the graph, none or all of its sightings are of these
+                tracks, or factors of it wait for an update.
+        """
+        self._check_known(landmark)
+        self._check_updated(landmark)
+        rows = self._solver.log.rows(landmark)
+        leaving = rows[np.isin(self._solver.log.tracks[rows], list(tracks))]
+        if not 0 < len(leaving) < len(rows):
+            raise GraphError(
+                f"landmark {landmark}: {len(leaving)} of its {len(rows)} "
+                "sightings are of the tracks to be split off, expected some but not all"
+            )
+        self.add_landmark(new, self.landmark(landmark))
+        self._solver.hand_over(leaving, new)
+        self._solver.windows.hand_over(landmark, new, tracks)
+
+    def remove(self, landmark: int) -> None:
+        """Takes a landmark and its sightings out with the next update.
+
+        Raises:
+            GraphError: it is not in the graph, or factors of it wait for an update.
+        """
+        self._check_known(landmark)
+        self._check_updated(landmark)
+        for row in self._solver.live(self._solver.log.rows(landmark)):
+            self._solver.isam.remove(self._solver.slots.sightings, row)
+        windows, numbers = self._solver.windows, self._solver.windows.of(landmark)
+        self._solver.forget(landmark)
+        for number in numbers:
+            first, last = windows[number].first, windows[number].last
+            rows = np.array(self._solver.log.known(windows[number].rows.tolist()), dtype=np.int64)
+            try:
+                windows.replace(number, *self._solver.condense(first, last, rows))
+            except GraphError as error:
+                self._solver.incidents.append(f"nothing is condensed any more: {error}")
+                self._solver.uncondense()
+                self._covariances.forget()
+                return
+        windows.forget(landmark)
+
+    def weakest_link(self, since_pose: int) -> int:
+        """The pose after the least certain motion since a pose."""
+        covariances = self._solver.log.motion_covariances[since_pose + 1 :]
+        return since_pose + 1 + int((covariances[:, 0, 0] + covariances[:, 1, 1]).argmax())
+
+    def cost(self) -> float:
+        """Half the sum of all chi-squares, under the kernel; takes time as long as the run.
+
+        Of what is condensed, only what comes to it by its ends and landmarks.
+        """
+        return self._solver.isam.cost()
+
+    def checkpoint(self) -> Checkpoint:
+        """Where everything is now, to go back to if what comes next turns out wrong."""
+        return Checkpoint(self.cost(), self.estimate())
+
+    def go_back(self, checkpoint: Checkpoint) -> None:
+        """Takes in what waits for an update, but everything starts from where it was then.
+
+        What has been split again would else stay near where the wrong merge has brought it.
+        """
+        self._restart(checkpoint.estimate)
+
+    def carry(self, correction: Pose2, since_pose: int) -> None:
+        """Moves a pose, all after it, and what only those sighted; no factor changes.
+
+        Args:
+            correction: takes what was believed in map to where it is.
+            since_pose: the first pose that moves.
+        """
+        estimate = self.estimate()
+        poses = estimate.map_T_bases.copy()
+        poses[since_pose:, :2] = correction.transform(poses[since_pose:, :2])
+        poses[since_pose:, 2] = wrap_angle(poses[since_pose:, 2] + correction.theta)
+        places = {
+            landmark: correction.transform(place[None])[0]
+            if (self._solver.log.poses[self._solver.log.rows(landmark)] >= since_pose).all()
+            else place
+            for landmark, place in estimate.map_t_landmarks.items()
+        }
+        self._restart(GraphEstimate(poses, places))
+
+    def polish(self) -> None:
+        """Moves to the batch optimum over the whole log, starting from the estimate at hand.
+
+        Takes in what waits for an update; after many merges at once that is quicker than `update`.
+        Nothing is condensed any more.
+        """
+        self._solver.polish()
+        self._covariances.forget()
+
+    def update(self, *, relinearize: bool = False) -> None:
+        """Takes in all that was added since the last update.
+
+        Args:
+            relinearize: force it, after something old was seen again.
+
+        A failure is named in `incidents`, and the graph rebuilt from its own log.
+        """
+        self._solver.update(relinearize=relinearize)
+        self._covariances.forget()
+
+    def settle(self) -> None:
+        """Linearizes again until little moves: what one update after a great change leaves open."""
+        self._solver.settle()
+        self._covariances.forget()
+
+    def pose(self, index: int) -> Pose2:
+        """map_T_base of one pose as of the last update."""
+        return self._solver.pose(index)
+
+    def landmark(self, landmark: int) -> FloatArray:
+        """map_t_landmark (2,) as of the last update; of what is newer, the guess."""
+        return self._solver.landmark(landmark)
+
+    def near(self, map_t_point: FloatArray, radius_m: float) -> dict[int, FloatArray]:
+        """The landmarks within a radius of a point (2,), with their positions (2,)."""
+        around = {
+            landmark: self.landmark(landmark)
+            for landmark in self._solver.places.around(map_t_point, radius_m + JUMP_M)
+        }
+        return {
+            landmark: place
+            for landmark, place in around.items()
+            if np.hypot(*(place - map_t_point)) <= radius_m
+        }
+
+    def estimate(self) -> GraphEstimate:
+        """All poses and landmarks as of the last update; takes time as long as the run."""
+        return self._solver.estimate()
+
+    def landmark_covariance(self, landmarks: Sequence[int]) -> FloatArray:
+        """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
+        return self._covariances.of_landmarks_together(landmarks)
+
+    def covariance_around(self, landmarks: Sequence[int], around: Iterable[int]) -> FloatArray:
+        """(2n, 2n) joint covariance of landmarks as if the last pose were known, in map.
+
+        By what is not condensed and what else was sighted together with those `around`: what lies
+        farther off could make it smaller, but it costs as much as the run is long. As it is where
+        that does not connect them, or nothing is condensed.
+        """
+        return self._covariances.around(landmarks, around)
+
+    def landmark_covariances(self, landmarks: Sequence[int]) -> FloatArray:
+        """(n, 2, 2) marginal covariance of each landmark, in map."""
+        return self._covariances.of_landmarks(landmarks)
+
+    def covariances_given_last_pose(self, landmarks: Sequence[int]) -> FloatArray:
+        """(n, 2, 2) of each landmark in the last pose's frame, as if that pose were known."""
+        return self._covariances.given_last_pose(landmarks)
+
+    def pose_covariance(self, index: int) -> FloatArray:
+        """(3, 3) marginal covariance of a pose, (x, y, theta) in its own frame."""
+        return self._covariances.of_pose(index)
+
+    def pose_covariances(self, indices: Sequence[int]) -> FloatArray:
+        """(n, 3, 3) marginal covariance of each pose, (x, y, theta) in its own frame."""
+        return self._covariances.of_poses(indices)
+
+    def chain_covariances(self) -> tuple[FloatArray, FloatArray]:
+        """(n, 3, 3) marginal covariance of each pose, and of each with the one after it.
+
+        Each in its own frame; after the last pose there is none, the cross covariance is 0.
+        """
+        return self._covariances.of_chain()
+
+    def _check_known(self, landmark: int) -> None:
+        if landmark not in self._solver.log:
+            raise GraphError(f"landmark {landmark} is not in the graph; add it first")
+
+    def _check_updated(self, landmark: int) -> None:
+        waiting = self._solver.isam.waiting(self._solver.slots.sightings)
+        if (self._solver.log.landmarks[waiting] == landmark).any():
+            raise GraphError(f"landmark {landmark}: update the graph before it is taken out")
+
+    def _misfits(self, rows: IntArray, place: FloatArray) -> FloatArray:
+        """(k,) chi-squares of sightings, if their landmark were at a place (2,)."""
+        log = self._solver.log
+        predicted = np.array([predict(self.pose(k), place[None])[0] for k in log.poses[rows]])
+        differences = innovations(predicted, *log.polar[rows].T)
+        return mahalanobis2(differences, log.covariances(rows))
+
+    def _restart(self, estimate: GraphEstimate) -> None:
+        self._solver.start_from(estimate)
+        self._covariances.forget()

@@ -1,0 +1,193 @@
+"""What the graph is made of: odometry and sightings, as values and as GTSAM's factors."""
+
+from dataclasses import dataclass
+from typing import Any, Final, Self
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import L, X
+from numpy.typing import NDArray
+
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.errors import GraphError
+from semgraph.geometry import Pose2, UncertainPose2, frozen_covariance
+from semgraph.graph.condensation import Condensed, linearized
+from semgraph.landmarks import Perceptions
+
+# A sighting within this chi-square is taken as it is, one beyond it ever less (DCS; Agarwal 2013).
+ROBUST_CHI2: Final = 13.8155
+_KERNEL: Final = gtsam.noiseModel.mEstimator.DCS.Create(ROBUST_CHI2)
+_LEAST_RANGE_M: Final = 1e-3
+_LEAST_RELIABILITY: Final = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """One bearing-range factor: pose `pose` saw landmark `landmark`.
+
+    `covariance` (2, 2) is of (range, bearing), `track` tells the stretch of sightings that it came
+    with.
+    """
+
+    pose: int
+    landmark: int
+    range_m: float
+    bearing: float
+    covariance: FloatArray
+    track: int = -1
+
+    @classmethod
+    def of(
+        cls, perceptions: Perceptions, row: int, pose: int, landmark: int, track: int = -1
+    ) -> Self:
+        """A perception as a sighting; the less reliable, the less it weighs."""
+        reliability = max(float(perceptions.reliabilities[row]), _LEAST_RELIABILITY)
+        return cls(
+            pose,
+            landmark,
+            float(perceptions.ranges_m[row]),
+            float(perceptions.bearings[row]),
+            perceptions.covariances[row] / reliability,
+            track,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Odometry:
+    """One between factor: `motion` is start_T_end."""
+
+    start: int
+    end: int
+    motion: UncertainPose2
+
+
+def pose_key(pose: int) -> int:
+    """What GTSAM calls a pose."""
+    return int(X(pose))
+
+
+def landmark_key(landmark: int) -> int:
+    """What GTSAM calls a landmark."""
+    return int(L(landmark))
+
+
+def check_sighting(sighting: Sighting) -> None:
+    """Raises GraphError where GTSAM would take nonsense in silence."""
+    if not (_LEAST_RANGE_M <= sighting.range_m < np.inf and np.isfinite(sighting.bearing)):
+        raise GraphError(
+            f"sighting of landmark {sighting.landmark}: expected a positive range and a finite "
+            f"bearing, got {sighting.range_m} m and {sighting.bearing} rad"
+        )
+    if _is_surely_definite(sighting.covariance):
+        return
+    covariance = frozen_covariance("sighting covariance", sighting.covariance, 2)
+    check_definite(f"sighting of landmark {sighting.landmark}", covariance)
+
+
+def _is_surely_definite(covariance: FloatArray) -> bool:
+    """Whether a (2, 2) is well-behaved; there are millions, and numpy takes its time for each."""
+    if covariance.shape != (2, 2):
+        return False
+    (a, b), (c, d) = covariance.tolist()
+    is_sound = 0.0 < a < np.inf and 0.0 < d < np.inf and b == c
+    return bool(is_sound and a * d - b * b > 1e-9 * a * d)
+
+
+def check_definite(name: str, covariance: FloatArray) -> None:
+    """Raises GraphError where a covariance is not positive definite."""
+    try:
+        np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        raise GraphError(f"{name}: expected a positive definite covariance") from None
+
+
+def prior_factor(map_T_start: UncertainPose2) -> gtsam.PriorFactorPose2:
+    """Where the start is."""
+    noise = gtsam.noiseModel.Gaussian.Covariance(map_T_start.covariance)
+    return gtsam.PriorFactorPose2(X(0), to_gtsam(map_T_start.pose), noise)
+
+
+def odometry_factor(odometry: Odometry) -> gtsam.BetweenFactorPose2:
+    """The motion between two poses."""
+    motion = odometry.motion
+    return motion_factor(odometry.start, odometry.end, motion.pose.as_array(), motion.covariance)
+
+
+def motion_factor(
+    start: int, end: int, motion: FloatArray, covariance: FloatArray
+) -> gtsam.BetweenFactorPose2:
+    """The same of (3,) start_T_end and its (3, 3) covariance, both checked before."""
+    noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
+    return gtsam.BetweenFactorPose2(X(start), X(end), gtsam.Pose2(*motion.tolist()), noise)
+
+
+def sighting_factor(sighting: Sighting, *, is_firm: bool = False) -> gtsam.BearingRangeFactor2D:
+    """A sighting; GTSAM's order is bearing first.
+
+    Args:
+        sighting: that passed `check_sighting`.
+        is_firm: without the robust kernel, however far off it is.
+    """
+    noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(
+        sighting.covariance[::-1, ::-1]
+    )
+    if not is_firm:
+        noise = gtsam.noiseModel.Robust.Create(_KERNEL, noise)
+    return gtsam.BearingRangeFactor2D(
+        X(sighting.pose),
+        L(sighting.landmark),
+        gtsam.Rot2(sighting.bearing),
+        sighting.range_m,
+        noise,
+    )
+
+
+def to_gtsam(pose: Pose2) -> gtsam.Pose2:
+    """The same pose."""
+    return gtsam.Pose2(pose.x, pose.y, pose.theta)
+
+
+def condensed_factor(
+    condensed: Condensed, first: int, last: int, landmarks: IntArray
+) -> gtsam.CustomFactor:
+    """A stretch between two poses; GTSAM has no such factor, so it is in Python.
+
+    Args:
+        condensed: of the stretch.
+        first: pose of the graph.
+        last: pose of the graph.
+        landmarks: (n,) that its things are; several may be one.
+    """
+    names, columns = np.unique(landmarks, return_inverse=True)
+    keys = [X(first), X(last), *(L(name) for name in names.tolist())]
+    noise = gtsam.noiseModel.Unit.Create(len(condensed.root))
+    is_each_own = np.array_equal(names, landmarks)
+
+    def error(
+        _: gtsam.CustomFactor, values: gtsam.Values, jacobians: Any | None
+    ) -> NDArray[np.float64]:
+        first_pose, last_pose = values.atPose2(keys[0]), values.atPose2(keys[1])
+        places = np.array([values.atPoint2(key) for key in keys[2:]]).reshape(-1, 2)
+        errors, by_first, by_last, by_things = linearized(
+            condensed,
+            np.array([first_pose.x(), first_pose.y(), first_pose.theta()]),
+            np.array([last_pose.x(), last_pose.y(), last_pose.theta()]),
+            places[columns],
+        )
+        if jacobians is not None:
+            jacobians[0], jacobians[1] = by_first, by_last
+            if not is_each_own:
+                by_things = _summed(by_things, columns, len(names))
+            for k in range(len(names)):
+                jacobians[k + 2] = by_things[:, k]
+        return np.asarray(errors, dtype=np.float64)
+
+    return gtsam.CustomFactor(noise, keys, error)
+
+
+def _summed(by_things: FloatArray, columns: IntArray, count: int) -> FloatArray:
+    """(d, count, 2) of (d, n, 2): things that are one landmark move together."""
+    summed = np.zeros((len(by_things), count, 2))
+    for thing, column in enumerate(columns.tolist()):
+        summed[:, column] += by_things[:, thing]
+    return summed

@@ -1,0 +1,172 @@
+"""How sure a graph is of its poses and landmarks, and how they lie to each other."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Final, TypeVar, final
+
+import numpy as np
+
+from semgraph.arrays import FloatArray
+from semgraph.errors import GraphError
+from semgraph.geometry import rotation
+from semgraph.graph.condensation import linearized
+from semgraph.graph.covariances import Covariances
+from semgraph.graph.factors import landmark_key, pose_key
+from semgraph.graph.graph_solver import GraphSolver
+from semgraph.graph.incremental import NoCovarianceError
+from semgraph.graph.pieces import Piece, covariance_by
+from semgraph.graph.windows import NONE
+
+Answer = TypeVar("Answer")
+_LEAST_SIGMA_M: Final = 1e-3
+
+
+@final
+class GraphCovariances:
+    """Of a graph as of its last update."""
+
+    def __init__(self, solver: GraphSolver) -> None:
+        self._solver = solver
+        self.forget()
+
+    def forget(self) -> None:
+        """The graph has changed."""
+        solver = self._solver
+        # Condensed factors are slow to linearize, and a long graph is slow to factor.
+        num_columns = (
+            None if len(solver.windows) else 3 * solver.log.num_poses + 2 * len(solver.log)
+        )
+        self._covariances = Covariances(solver.isam, num_columns, solver.incidents)
+        self._of_poses: dict[int, FloatArray] = {}
+
+    def of_landmarks_together(self, landmarks: Sequence[int]) -> FloatArray:
+        """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
+        return self.joint([landmark_key(landmark) for landmark in landmarks])
+
+    def around(self, landmarks: Sequence[int], around: Iterable[int]) -> FloatArray:
+        """(2n, 2n) joint covariance of landmarks as if the last pose were known, in map.
+
+        By what is not condensed and what else was sighted together with those `around`: what lies
+        farther off could make it smaller, but it costs as much as the run is long. That of all the
+        graph where these do not hold them together, or nothing is condensed.
+        """
+        if not len(self._solver.windows) or not self._solver.isam.is_updated:
+            return self.of_landmarks_together(landmarks)
+        windows = {
+            number for each in (*around, *landmarks) for number in self._solver.windows.of(each)
+        }
+        pieces = [self._piece(number) for number in sorted(windows)]
+        try:
+            newest = self._last_piece()
+        except GraphError as error:
+            self._solver.incidents.append(f"covariance by the whole graph: {error}")
+            return self.of_landmarks_together(landmarks)
+        found = covariance_by(pieces, newest, landmarks)
+        return self.of_landmarks_together(landmarks) if found is None else found
+
+    def of_landmarks(self, landmarks: Sequence[int]) -> FloatArray:
+        """(n, 2, 2) marginal covariance of each landmark, in map."""
+        keys = [landmark_key(landmark) for landmark in landmarks]
+        return self._sure(lambda known: known.marginals(keys, 2))
+
+    def given_last_pose(self, landmarks: Sequence[int]) -> FloatArray:
+        """(n, 2, 2) of each landmark in the last pose's frame, as if that pose were known."""
+        last = self._solver.last
+        joint = self.joint([pose_key(last), *map(landmark_key, landmarks)])
+        gain = np.linalg.solve(joint[:3, :3], joint[:3, 3:])
+        given = (joint[3:, 3:] - gain.T @ joint[:3, 3:]).reshape(
+            len(landmarks), 2, len(landmarks), 2
+        )
+        each = np.arange(len(landmarks))
+        base_R_map = rotation(-self._solver.pose(last).theta)
+        in_base = base_R_map @ given[each, :, each, :] @ base_R_map.T
+        # Where the pose is unsure by kilometres, little is left of the difference but rounding.
+        values, axes = np.linalg.eigh(0.5 * (in_base + in_base.transpose(0, 2, 1)))
+        floored: FloatArray = np.maximum(values, _LEAST_SIGMA_M**2)
+        covariances: FloatArray = (axes * floored[:, None, :]) @ axes.transpose(0, 2, 1)
+        return covariances
+
+    def of_pose(self, index: int) -> FloatArray:
+        """(3, 3) marginal covariance of a pose, (x, y, theta) in its own frame."""
+        if index not in self._of_poses:
+            self._uncondense([index])
+            self._of_poses[index] = self.joint([pose_key(index)])
+        return self._of_poses[index]
+
+    def of_poses(self, indices: Sequence[int]) -> FloatArray:
+        """(n, 3, 3) marginal covariance of each pose, (x, y, theta) in its own frame."""
+        self._uncondense(indices)
+        keys = [pose_key(index) for index in indices]
+        return self._sure(lambda known: known.marginals(keys, 3))
+
+    def of_chain(self) -> tuple[FloatArray, FloatArray]:
+        """(n, 3, 3) marginal covariance of each pose, and of each with the one after it.
+
+        Each in its own frame; after the last pose there is none, the cross covariance is 0.
+        """
+        indices = range(self._solver.log.num_poses)
+        self._uncondense(indices)
+        keys = [pose_key(index) for index in indices]
+        return self._sure(lambda known: known.chain(keys))
+
+    def joint(self, keys: Sequence[int]) -> FloatArray:
+        """Of any variables together, by their keys."""
+        return self._sure(lambda known: known.joint(keys))
+
+    def _piece(self, number: int) -> Piece:
+        """A window where it is now."""
+        window = self._solver.windows[number]
+        return Piece(
+            window.first,
+            window.last,
+            tuple(window.landmarks.tolist()),
+            *linearized(
+                window.condensed,
+                self._solver.pose(window.first).as_array(),
+                self._solver.pose(window.last).as_array(),
+                np.array([self._solver.landmark(k) for k in window.landmarks.tolist()]).reshape(
+                    -1, 2
+                ),
+            )[1:],
+        )
+
+    def _last_piece(self) -> Piece:
+        """What is not condensed as yet, condensed for once."""
+        last = self._solver.last
+        first = last
+        while first > 0 and self._solver.windows.of_motion(first) == NONE:
+            first -= 1
+        rows = self._solver.log.rows_of_poses(first + 1, last)
+        poses = np.array([self._solver.pose(k).as_array() for k in range(first, last + 1)])
+        names, condensed = self._solver.condense(first, last, rows)
+        landmarks = tuple(names[:, 0].tolist())
+        places = self._places(landmarks)
+        return Piece(
+            first, last, landmarks, *linearized(condensed, poses[0], poses[-1], places)[1:]
+        )
+
+    def _sure(self, ask: Callable[[Covariances], Answer]) -> Answer:
+        """What is asked for; by QR from now on if it must be.
+
+        Raises:
+            GraphError: not even then.
+        """
+        try:
+            return ask(self._covariances)
+        except NoCovarianceError as error:
+            if self._solver.isam.factorization == "QR":
+                raise GraphError(f"no covariance: {error}") from error
+            self._solver.incidents.append(f"no covariance, QR from now on: {error}")
+            self._solver.isam.factorization = "QR"
+            self._solver.rebuild()
+            self.forget()
+            return ask(self._covariances)
+
+    def _uncondense(self, poses: Sequence[int]) -> None:
+        """Builds the whole graph, if one of these poses was given up."""
+        if any(self._solver.windows.of_pose(pose) != NONE for pose in poses):
+            self._solver.uncondense()
+            self.forget()
+
+    def _places(self, landmarks: Sequence[int]) -> FloatArray:
+        """(n, 2) m in map."""
+        return np.array([self._solver.landmark(k) for k in landmarks]).reshape(-1, 2)

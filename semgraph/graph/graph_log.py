@@ -1,0 +1,152 @@
+"""All that was ever added to a graph, as numbers: what it is built from again when it must be."""
+
+from array import array
+from collections.abc import Iterable
+from typing import Final, final
+
+import numpy as np
+
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.geometry import UncertainPose2
+from semgraph.graph.factors import Sighting
+from semgraph.graph.growing import Growing
+
+NOWHERE: Final = -1
+
+
+@final
+class GraphLog:
+    """Motions and sightings in the order they were added; about 60 bytes a sighting.
+
+    Attributes:
+        start: where pose 0 is.
+        motions, motion_covariances: (n, 3) and (n, 3, 3), row k leads to pose k, row 0 to none.
+        poses, tracks: (m,) of each sighting.
+        landmarks: (m,) that each is of now; -1 where that was taken out.
+        polar: (m, 2) range and bearing.
+        covariances: (m, 2, 2) of those.
+    """
+
+    def __init__(self, start: UncertainPose2) -> None:
+        self.start = start
+        self._motions, self._motion_covariances = Growing((3,)), Growing((3, 3))
+        self._poses, self._tracks, self._landmarks = (Growing((), np.int32) for _ in range(3))
+        self._polar, self._covariances = Growing((2,)), Growing((3,))
+        self._rows: dict[int, array[int]] = {}
+        # How many sightings there were when a pose came: its own are later ones.
+        self._num_before = array("i", [0])
+        self._motions.append(np.zeros(3))
+        self._motion_covariances.append(np.zeros((3, 3)))
+
+    @property
+    def num_poses(self) -> int:
+        """The start included."""
+        return len(self._motions)
+
+    @property
+    def motions(self) -> FloatArray:
+        """(n, 3)."""
+        return self._motions.rows
+
+    @property
+    def motion_covariances(self) -> FloatArray:
+        """(n, 3, 3)."""
+        return self._motion_covariances.rows
+
+    @property
+    def poses(self) -> IntArray:
+        """(m,)."""
+        return self._poses.rows
+
+    @property
+    def tracks(self) -> IntArray:
+        """(m,)."""
+        return self._tracks.rows
+
+    @property
+    def landmarks(self) -> IntArray:
+        """(m,)."""
+        return self._landmarks.rows
+
+    @property
+    def polar(self) -> FloatArray:
+        """(m, 2)."""
+        return self._polar.rows
+
+    def covariances(self, rows: IntArray) -> FloatArray:
+        """(k, 2, 2) of some sightings."""
+        return self._covariances.rows[rows][:, [[0, 1], [1, 2]]]
+
+    def names(self) -> tuple[int, ...]:
+        """The landmarks, in the order they came."""
+        return tuple(self._rows)
+
+    def __contains__(self, landmark: int) -> bool:
+        return landmark in self._rows
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def add_motion(self, motion: UncertainPose2) -> int:
+        """The pose that it leads to."""
+        self._num_before.append(len(self._poses))
+        self._motion_covariances.append(motion.covariance)
+        return self._motions.append(motion.pose.as_array())
+
+    def add_landmark(self, landmark: int) -> None:
+        """One that nothing was sighted of as yet."""
+        self._rows[landmark] = array("i")
+
+    def add_sighting(self, sighting: Sighting) -> int:
+        """Its row."""
+        (a, b), (_, d) = sighting.covariance.tolist()
+        self._poses.append(sighting.pose)
+        self._tracks.append(sighting.track)
+        self._polar.append((sighting.range_m, sighting.bearing))
+        self._covariances.append((a, b, d))
+        row = self._landmarks.append(sighting.landmark)
+        self._rows[sighting.landmark].append(row)
+        return row
+
+    def sighting(self, row: int) -> Sighting:
+        """That of a row."""
+        range_m, bearing = self._polar.rows[row].tolist()
+        a, b, d = self._covariances.rows[row].tolist()
+        return Sighting(
+            int(self._poses.rows[row]),
+            int(self._landmarks.rows[row]),
+            range_m,
+            bearing,
+            np.array([[a, b], [b, d]]),
+            int(self._tracks.rows[row]),
+        )
+
+    def rows(self, landmark: int) -> IntArray:
+        """(k,) of a landmark's sightings, in the order they were handed to it."""
+        return np.array(self._rows[landmark], dtype=np.int64)
+
+    def rows_of_poses(self, first: int, last: int) -> IntArray:
+        """(k,) of what was sighted from these poses and is not taken out."""
+        start = self._num_before[first]
+        poses = self.poses[start:]
+        rows: IntArray = start + np.flatnonzero((poses >= first) & (poses <= last))
+        known: IntArray = rows[self.landmarks[rows] != NOWHERE]
+        return known
+
+    def hand_over(self, rows: IntArray, landmark: int) -> None:
+        """These are sightings of another landmark now."""
+        leaving = set(rows.tolist())
+        for name in np.unique(self.landmarks[rows]).tolist():
+            kept = (row for row in self._rows[name] if row not in leaving)
+            self._rows[name] = array("i", kept)
+        self.landmarks[rows] = landmark
+        self._rows[landmark].extend(rows.tolist())
+
+    def forget(self, landmark: int) -> None:
+        """It is no more, and what is still a sighting of it is of nothing."""
+        self.landmarks[self.rows(landmark)] = NOWHERE
+        del self._rows[landmark]
+
+    def known(self, rows: Iterable[int]) -> list[int]:
+        """Of some rows, those that are sightings of something."""
+        return [row for row in rows if self.landmarks[row] != NOWHERE]

@@ -1,0 +1,341 @@
+"""The log, iSAM2 and what is condensed, kept in step: updates, failures, and the batch.
+
+iSAM2 is built from the log again when an update fails, since a failed update leaves it unusable.
+After an update only what is asked for is read: reading everything would cost more than the update,
+the longer the run the more. Poses that lie back are condensed, window by window.
+"""
+
+from dataclasses import dataclass, field
+from typing import Final, final
+
+import numpy as np
+
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.errors import GraphError
+from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.graph.condensation import Condensed, follow
+from semgraph.graph.factors import (
+    Sighting,
+    condensed_factor,
+    motion_factor,
+    prior_factor,
+    sighting_factor,
+)
+from semgraph.graph.graph_log import GraphLog
+from semgraph.graph.growing import Growing
+from semgraph.graph.incremental import Incremental, Slots, UpdateError
+from semgraph.graph.windows import NONE, Window, Windows
+from semgraph.point_grid import PointGrid
+
+# Cells of the places of landmarks; about as far as things are seen.
+_CELL_M: Final = 10.0
+# By so much the last pose may jump before all that was read of the graph is stale.
+JUMP_M: Final = 0.5
+# How often a graph that was rebuilt from values of some time ago is linearized again.
+_SETTLING: Final = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraphEstimate:
+    """All variables at one moment.
+
+    Attributes:
+        map_T_bases: (n, 3), row k is pose k.
+        map_t_landmarks: position (2,) by landmark.
+    """
+
+    map_T_bases: FloatArray
+    map_t_landmarks: dict[int, FloatArray]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _AllSlots:
+    """Where everything is in iSAM2."""
+
+    prior: Slots = field(default_factory=Slots)
+    motions: Slots = field(default_factory=Slots)
+    sightings: Slots = field(default_factory=Slots)
+    windows: Slots = field(default_factory=Slots)
+
+
+@final
+class GraphSolver:
+    """A graph that is solved step by step.
+
+    Attributes:
+        log: all that was added.
+        windows: what of it is condensed.
+        isam: the rest, and the condensed.
+        slots: where all of it is in there.
+        firm: rows of sightings that hold without their kernel in the next update.
+        places: of landmarks, as they were last read.
+        incidents: what went wrong and was mended, one line each.
+    """
+
+    def __init__(self, map_T_start: UncertainPose2, window_poses: int) -> None:
+        self.log = GraphLog(map_T_start)
+        self.windows = Windows(self.log, window_poses)
+        self.isam = Incremental()
+        self.slots = _AllSlots()
+        self.firm: list[int] = []
+        self.places = PointGrid(_CELL_M)
+        self.incidents: list[str] = []
+        # Of each variable the last that was read; of what was not read as yet, its first guess.
+        self._poses, self._landmarks = Growing((3,)), dict[int, FloatArray]()
+        self._is_current = False
+        self._last_updated = -1
+        self._poses.append(map_T_start.pose.as_array())
+        self.isam.add(prior_factor(map_T_start), self.slots.prior, 0)
+        self.isam.insert_pose(0, map_T_start.pose)
+
+    @property
+    def last(self) -> int:
+        """The newest pose."""
+        return self.log.num_poses - 1
+
+    def add_pose(self, motion: UncertainPose2, guess: Pose2) -> int:
+        """Its number."""
+        index = self.log.add_motion(motion)
+        self._poses.append(guess.as_array())
+        self.isam.insert_pose(index, guess)
+        self.add_motion(index)
+        return index
+
+    def add_landmark(self, landmark: int, guess: FloatArray) -> None:
+        """One more, near (2,)."""
+        self.log.add_landmark(landmark)
+        self.move(landmark, guess)
+        self.isam.insert_landmark(landmark, guess)
+
+    def forget(self, landmark: int) -> None:
+        """It is no more."""
+        self.log.forget(landmark)
+        del self._landmarks[landmark]
+        self.places.remove(landmark)
+
+    def add_motion(self, pose: int) -> None:
+        """With the next update the motion to a pose is in the graph."""
+        factor = motion_factor(
+            pose - 1, pose, self.log.motions[pose], self.log.motion_covariances[pose]
+        )
+        self.isam.add(factor, self.slots.motions, pose)
+
+    def add_sighting(self, row: int, sighting: Sighting) -> None:
+        """With the next update the sighting of a row of the log is."""
+        factor = sighting_factor(sighting, is_firm=row in self.firm)
+        self.isam.add(factor, self.slots.sightings, row)
+
+    def live(self, rows: IntArray) -> list[int]:
+        """The sightings that are factors of their own."""
+        poses = self.log.poses[rows].tolist()
+        return [
+            row
+            for row, pose in zip(rows.tolist(), poses, strict=True)
+            if self.windows.of_motion(pose) == NONE
+        ]
+
+    def hand_over(self, rows: IntArray, landmark: int) -> None:
+        """With the next update these are sightings of another landmark."""
+        self.log.hand_over(rows, landmark)
+        for row in self.live(rows):
+            self.isam.remove(self.slots.sightings, row)
+            self.add_sighting(row, self.log.sighting(row))
+
+    def update(self, *, relinearize: bool = False) -> None:
+        """Takes in all that was added since the last update.
+
+        Args:
+            relinearize: force it, after something old was seen again.
+
+        A failure is named in `incidents`, and the graph rebuilt from its own log.
+        """
+        last = self.last
+        before = self._poses.rows[last].copy()
+        try:
+            if not relinearize:
+                self._condense_next()
+            self.add_windows()
+            self.isam.update(relinearize=relinearize)
+            self._is_current = False
+            self._let_go()
+            self._poses.rows[last] = self.isam.pose(last).as_array()
+        except UpdateError as error:
+            self.incidents.append(f"update failed, graph rebuilt: {error}")
+            self.rebuild()
+        else:
+            if np.hypot(*(self._poses.rows[last] - before)[:2]) > JUMP_M:
+                self._read_all()
+        self._settled()
+
+    def settle(self) -> None:
+        """Linearizes again until little moves: what one update after a great change leaves open."""
+        for _ in range(_SETTLING):
+            self.update(relinearize=True)
+
+    def polish(self) -> None:
+        """Moves to the batch optimum over the whole log, starting from the estimate at hand.
+
+        Takes in what waits for an update; after many merges at once that is quicker than `update`.
+        Nothing is condensed any more.
+        """
+        self.estimate()
+        self.windows.clear(self.last)
+        whole, kept = Incremental(self.isam.factorization), (self.isam, self.slots)
+        self.isam, self.slots = whole, _AllSlots()
+        self._add_all()
+        self.isam, self.slots = kept
+        found = whole.optimum()
+        self.start_from(GraphEstimate(found.map_T_bases, dict(found.map_t_landmarks)))
+
+    def pose(self, index: int) -> Pose2:
+        """map_T_base of one pose as of the last update."""
+        number = self.windows.of_pose(index)
+        if number == NONE:
+            return self.isam.pose(index)
+        window = self.windows[number]
+        first = self.isam.pose(window.first)
+        between = window.condensed.first_T_between[index - window.first - 1]
+        return first @ Pose2.from_array(between)
+
+    def landmark(self, landmark: int) -> FloatArray:
+        """map_t_landmark (2,) as of the last update; of what is newer, the guess."""
+        if self.isam.has_landmark(landmark):
+            self.move(landmark, self.isam.landmark(landmark))
+        return self._landmarks[landmark]
+
+    def estimate(self) -> GraphEstimate:
+        """All poses and landmarks as of the last update; takes time as long as the run."""
+        if not self._is_current:
+            self._read_all()
+        return GraphEstimate(self._poses.rows.copy(), dict(self._landmarks))
+
+    def condense(self, first: int, last: int, rows: IntArray) -> tuple[IntArray, Condensed]:
+        """Landmark and track of each thing in a stretch, and what it says where all is now."""
+        poses = np.array([self.pose(k).as_array() for k in range(first, last + 1)])
+        names = np.unique(self.log.landmarks[rows]).tolist()
+        places = {name: self.landmark(name) for name in names}
+        return self.windows.condensed(first, rows, poses, places)
+
+    def uncondense(self) -> None:
+        """Builds the whole graph; what there is as yet is not condensed again."""
+        estimate = self.estimate()
+        self.windows.clear(self.last)
+        self.start_from(estimate)
+
+    def start_from(self, estimate: GraphEstimate) -> None:
+        """Builds the graph from the log, with everything here and nothing waiting."""
+        self._poses.rows[: len(estimate.map_T_bases)] = estimate.map_T_bases
+        for landmark, place in estimate.map_t_landmarks.items():
+            if landmark in self.log:
+                self.move(landmark, place)
+        self._is_current = True
+        self.rebuild()
+
+    def rebuild(self) -> None:
+        """A new iSAM2 over the whole log, at the last good estimate; by QR if it must be.
+
+        Raises:
+            GraphError: the log itself cannot be solved.
+        """
+        old = self.isam, self.slots
+        for factorization in dict.fromkeys((old[0].factorization, "QR")):
+            self.isam, self.slots = Incremental(factorization), _AllSlots()
+            self._add_all()
+            try:
+                self.isam.update()
+                self.isam.linearize_again(0 if self._is_current else _SETTLING)
+                self._last_updated = self.last
+                self._read_all()
+            except UpdateError as error:
+                failure = error
+            else:
+                self._settled()
+                return
+        self.isam, self.slots = old
+        self.isam.factorization = "QR"
+        raise GraphError(f"the graph cannot be solved: {failure}") from failure
+
+    def move(self, landmark: int, place: FloatArray) -> None:
+        """It was read to be there."""
+        self._landmarks[landmark] = place
+        self.places.put(landmark, place)
+
+    def _condense_next(self) -> None:
+        """Takes one window of poses out with the next update, and its factor in."""
+        found = self.windows.next(self._last_updated)
+        if found is None:
+            return
+        first, last = found
+        motions, rows = range(first + 1, last + 1), self.log.rows_of_poses(first + 1, last)
+        if any(self.slots.sightings[row] == NONE for row in rows.tolist()):
+            return
+        try:
+            names, condensed = self.condense(first, last, rows)
+        except GraphError as error:
+            self.incidents.append(f"poses {first} to {last} are not condensed: {error}")
+            self.windows.skip(last)
+            return
+        for pose in motions:
+            self.isam.remove(self.slots.motions, pose)
+        for row in rows.tolist():
+            self.isam.remove(self.slots.sightings, row)
+        window = Window(first, last, rows.astype(np.int32), names[:, 1], names[:, 0], condensed)
+        self.windows.add(window)
+
+    def add_windows(self) -> None:
+        """Those that are new or changed."""
+        for number in sorted(self.windows.changed):
+            if self.slots.windows[number] != NONE:
+                self.isam.remove(self.slots.windows, number)
+            window = self.windows[number]
+            factor = condensed_factor(window.condensed, window.first, window.last, window.landmarks)
+            self.isam.add(factor, self.slots.windows, number)
+        self.windows.changed.clear()
+
+    def _let_go(self) -> None:
+        """Sightings that held firmly while the graph moved get their kernel."""
+        if not self.firm:
+            return
+        firm, self.firm = self.firm, []
+        self.isam.forget_waiting()
+        self.isam.linearize_again(_SETTLING)
+        for row in firm:
+            self.isam.remove(self.slots.sightings, row)
+            self.add_sighting(row, self.log.sighting(row))
+        self.isam.update(relinearize=True)
+
+    def _read_all(self) -> None:
+        """All variables, poses that were given up included."""
+        if self._last_updated >= 0:
+            values = self.isam.values()
+            self._poses.rows[values.poses] = values.map_T_bases
+            for landmark, place in values.map_t_landmarks.items():
+                if landmark in self.log:
+                    self.move(landmark, place)
+        for window in self.windows:
+            followed = follow(self._poses.rows[window.first], window.condensed)
+            self._poses.rows[window.first + 1 : window.last] = followed
+        self._is_current = True
+
+    def _settled(self) -> None:
+        """Nothing waits any more."""
+        self.isam.forget_waiting()
+        self.firm = []
+        self._last_updated = self.last
+
+    def _add_all(self) -> None:
+        """All that was ever added waits for an update, with the last good value of each."""
+        self.isam.add(prior_factor(self.log.start), self.slots.prior, 0)
+        for pose in range(1, self.log.num_poses):
+            if self.windows.of_motion(pose) == NONE:
+                self.add_motion(pose)
+        for landmark in self.log.names():
+            for row in self.live(self.log.rows(landmark)):
+                self.add_sighting(row, self.log.sighting(row))
+        self.windows.changed.update(range(len(self.windows)))
+        self.add_windows()
+        for pose, row in enumerate(self._poses.rows):
+            if self.windows.of_pose(pose) == NONE:
+                self.isam.insert_pose(pose, Pose2.from_array(row))
+        for landmark, place in self._landmarks.items():
+            self.isam.insert_landmark(landmark, place)

@@ -1,0 +1,247 @@
+"""iSAM2, and what waits for it. Only this, `batch_graph.py` and `factors.py` know gtsam."""
+
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final, final
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import L, X
+from scipy.sparse import csr_matrix
+
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.errors import GraphError
+from semgraph.geometry import Pose2
+from semgraph.graph.factors import to_gtsam
+
+_INDEX: Final = (1 << 56) - 1
+_FAILURES: Final = (RuntimeError, ValueError, IndexError)
+
+
+class UpdateError(GraphError):
+    """GTSAM could not; the graph is unusable from now on."""
+
+
+class NoCovarianceError(GraphError):
+    """GTSAM could not, but the graph is as it was."""
+
+
+@dataclass(slots=True)
+class Slots:
+    """Where the factors of one table (motions, sightings, ...) are in iSAM2, by their number.
+
+    -1 where one is not, or waits.
+    """
+
+    _slots: "array[int]" = field(default_factory=lambda: array("i"))
+
+    def __getitem__(self, number: int) -> int:
+        return self._slots[number] if number < len(self._slots) else -1
+
+    def __setitem__(self, number: int, slot: int) -> None:
+        while len(self._slots) <= number:
+            self._slots.append(-1)
+        self._slots[number] = slot
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Values:
+    """All variables: numbers of poses, ascending, (n, 3) of them, and (2,) by landmark."""
+
+    poses: IntArray
+    map_T_bases: FloatArray
+    map_t_landmarks: Mapping[int, FloatArray]
+
+
+@final
+class Incremental:
+    """iSAM2 by Cholesky, or QR: that is slower but takes graphs whose sigmas differ by decades."""
+
+    def __init__(self, factorization: str = "CHOLESKY") -> None:
+        self.factorization = factorization
+        self._isam = _new_isam(factorization)
+        self.forget_waiting()
+
+    def forget_waiting(self) -> None:
+        """Nothing waits for an update any more."""
+        self._factors = gtsam.NonlinearFactorGraph()
+        self._owners: list[tuple[Slots, int]] = []
+        self._values = gtsam.Values()
+        self._removed: list[int] = []
+
+    @property
+    def is_updated(self) -> bool:
+        """Whether nothing waits for an update."""
+        return self._factors.size() == 0 and not self._removed
+
+    def waiting(self, slots: Slots) -> list[int]:
+        """Numbers of a table's factors that wait."""
+        return [number for owner, number in self._owners if owner is slots]
+
+    def add(self, factor: gtsam.NonlinearFactor, slots: Slots, number: int) -> None:
+        """With the next update this factor, whose slot will be told, is in the graph."""
+        self._factors.add(factor)
+        self._owners.append((slots, number))
+
+    def remove(self, slots: Slots, number: int) -> None:
+        """With the next update it is not."""
+        self._removed.append(slots[number])
+        slots[number] = -1
+
+    def insert_pose(self, pose: int, guess: Pose2) -> None:
+        """A variable more."""
+        self._values.insert(X(pose), to_gtsam(guess))
+
+    def insert_landmark(self, landmark: int, guess: FloatArray) -> None:
+        """A variable more."""
+        self._values.insert(j=L(landmark), point2=guess)
+
+    def update(self, *, relinearize: bool = False) -> None:
+        """Takes in what waits, which waits on until `forget_waiting`.
+
+        Raises:
+            UpdateError: with the reason in a line.
+        """
+        try:
+            result = self._isam.update(
+                self._factors, self._values, self._removed, None, None, None, relinearize
+            )
+        except _FAILURES as error:
+            raise UpdateError(_first_line(error)) from error
+        for (slots, number), slot in zip(self._owners, result.getNewFactorsIndices(), strict=True):
+            slots[number] = int(slot)
+
+    def linearize_again(self, times: int) -> None:
+        """So many steps more, with nothing new.
+
+        Raises:
+            UpdateError: with the reason in a line.
+        """
+        try:
+            for _ in range(times):
+                self._isam.update(
+                    gtsam.NonlinearFactorGraph(), gtsam.Values(), [], None, None, None, True
+                )
+        except _FAILURES as error:
+            raise UpdateError(_first_line(error)) from error
+
+    def has_pose(self, pose: int) -> bool:
+        """As of the last update."""
+        return bool(self._isam.valueExists(X(pose)))
+
+    def has_landmark(self, landmark: int) -> bool:
+        """As of the last update."""
+        return bool(self._isam.valueExists(L(landmark)))
+
+    def pose(self, pose: int) -> Pose2:
+        """map_T_base as of the last update.
+
+        Raises:
+            UpdateError: with the reason in a line.
+        """
+        try:
+            found = self._isam.calculateEstimatePose2(X(pose))
+        except _FAILURES as error:
+            raise UpdateError(_first_line(error)) from error
+        return Pose2(found.x(), found.y(), found.theta())
+
+    def landmark(self, landmark: int) -> FloatArray:
+        """map_t_landmark (2,) as of the last update."""
+        return np.array(self._isam.calculateEstimatePoint2(L(landmark)))
+
+    def values(self) -> Values:
+        """All of them; takes time as long as the run.
+
+        Raises:
+            UpdateError: with the reason in a line.
+        """
+        try:
+            return _read(self._isam.calculateEstimate())
+        except _FAILURES as error:
+            raise UpdateError(_first_line(error)) from error
+
+    def cost(self) -> float:
+        """Half the sum of all chi-squares, under the kernel; takes time as long as the run."""
+        return float(self._isam.getFactorsUnsafe().error(self._isam.calculateEstimate()))
+
+    def optimum(self) -> Values:
+        """The batch optimum of what waits; by QR if it must be.
+
+        Raises:
+            GraphError: not even then.
+        """
+        for factorization in dict.fromkeys((self.factorization, "QR")):
+            params = gtsam.LevenbergMarquardtParams()
+            params.setLinearSolverType(f"MULTIFRONTAL_{factorization}")
+            try:
+                optimizer = gtsam.LevenbergMarquardtOptimizer(self._factors, self._values, params)
+                return _read(optimizer.optimize())
+            except RuntimeError as error:
+                failure = error
+        raise GraphError(f"the graph cannot be solved: {_first_line(failure)}") from failure
+
+    def covariance(self, keys: Sequence[int]) -> FloatArray:
+        """(d, d) of variables together, by the cliques between them.
+
+        Raises:
+            NoCovarianceError: with the reason in a line.
+        """
+        try:
+            if len(keys) == 1:
+                return np.asarray(self._isam.marginalCovariance(keys[0]))
+            return np.asarray(self._isam.jointMarginalCovariance(list(keys)).fullMatrix())
+        except RuntimeError as error:
+            raise NoCovarianceError(_first_line(error)) from error
+
+    @property
+    def num_entries(self) -> int:
+        """Of the Bayes tree."""
+        return int(self._isam.treeNnz())
+
+    def jacobian(self) -> tuple[csr_matrix, dict[int, IntArray]]:
+        """Of all factors where everything is now, whitened; and the columns of each key."""
+        return _whitened(self._isam.getFactorsUnsafe().linearize(self._isam.calculateEstimate()))
+
+
+def _whitened(linear: gtsam.GaussianFactorGraph) -> tuple[csr_matrix, dict[int, IntArray]]:
+    """The matrix of a linear graph, and the columns of each key."""
+    row, column, value = linear.sparseJacobian_()
+    widths = {key: 2 if key < X(0) else 3 for key in sorted(linear.keys())}
+    starts = np.cumsum([0, *widths.values()])
+    columns = {
+        key: np.arange(start, start + width)
+        for (key, width), start in zip(widths.items(), starts[:-1].tolist(), strict=True)
+    }
+    # The last column is the right side.
+    whole = csr_matrix((value, (row.astype(np.int64) - 1, column.astype(np.int64) - 1)))
+    return whole[:, : starts[-1]], columns
+
+
+def _read(values: gtsam.Values) -> Values:
+    keys = np.array(sorted(values.keys()), dtype=np.uint64)
+    poses = keys[keys >= X(0)] & np.uint64(_INDEX)
+    landmarks = (keys[keys < X(0)] & np.uint64(_INDEX)).tolist()
+    places = np.asarray(gtsam.utilities.extractPoint2(values)).reshape(-1, 2)
+    return Values(
+        poses.astype(np.int64),
+        np.asarray(gtsam.utilities.extractPose2(values)).reshape(-1, 3),
+        dict(zip(landmarks, places, strict=True)),
+    )
+
+
+def _new_isam(factorization: str) -> gtsam.ISAM2:
+    params = gtsam.ISAM2Params()
+    params.setFactorization(factorization)
+    params.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(0.01))
+    params.setRelinearizeThreshold(0.1)
+    # Closures force it; relinearizing less often costs no accuracy, for the end is a batch.
+    params.relinearizeSkip = 3
+    params.enablePartialRelinearizationCheck = True
+    params.findUnusedFactorSlots = True
+    return gtsam.ISAM2(params)
+
+
+def _first_line(error: Exception) -> str:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[0] if lines else type(error).__name__

@@ -1,0 +1,350 @@
+"""Finds landmarks that are one object: where older ones are in sight again, a loop closes."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, field
+from typing import Final, Protocol
+
+import numpy as np
+
+from semgraph.arrays import BoolArray, FloatArray
+from semgraph.graph.association import associate
+from semgraph.graph.existence import Evidence, Existence
+from semgraph.graph.factor_graph import FactorGraph
+from semgraph.landmarks import Kind, Perceptions, SemanticObject, semantic_object
+from semgraph.measurement_model import CHI2_2DOF_999, diameters_contradict
+from semgraph.scan_set import ScanSet
+
+_MAX_OLD: Final = 20
+_MAX_REACH_M: Final = 40.0
+_LEAST_REACH_M: Final = 2.0
+_DUPLICATES_WITHIN_M: Final = 3.0
+_SURROUNDINGS_M: Final = 20.0
+_BATCH: Final = 60
+# What the outline of even a round trunk leaves open of its centre.
+_LEAST_OUTLINE_M: Final = 0.014
+# How many of a place's landmarks escaped notice at the first pass.
+_UNMAPPED: Final = 0.1
+
+
+@dataclass(slots=True)
+class GraphLandmark:
+    """What is known of a landmark of the graph beside its position.
+
+    `stayed_ns` is for how long it was seen to stay, without the time between.
+    """
+
+    kind: Kind
+    identity: str
+    scans: ScanSet = field(default_factory=ScanSet)
+    stayed_ns: int = 0
+    num_tracks: int = 1
+    num_views: int = 0
+    diameter_m: float = np.nan
+    diameter_weight: float = 0.0
+    num_diameters: int = 0
+    evidence: Evidence = field(default_factory=Evidence)
+    existence: Existence = field(default_factory=Existence)
+
+    @property
+    def num_sightings(self) -> int:
+        """In how many scans it was sighted."""
+        return len(self.scans)
+
+    def sight(self, scan: int, perceptions: Perceptions, row: int) -> None:
+        """Counts a sighting and averages its attributes in."""
+        self.scans.add(scan)
+        self.evidence.look(float(perceptions.reliabilities[row]))
+        diameter_m = float(perceptions.diameters_m[row])
+        if np.isfinite(diameter_m):
+            weight = float(perceptions.diameter_sigmas_m[row]) ** -2
+            self.num_views = max(self.num_views, 1)
+            self._average(diameter_m, weight, 1)
+
+    def absorb(self, other: "GraphLandmark") -> None:
+        """Takes over all that was known of another landmark which is the same object."""
+        self.scans.update(other.scans)
+        self.stayed_ns += other.stayed_ns
+        self.num_tracks += other.num_tracks
+        self.num_views += other.num_views
+        self.evidence.absorb(other.evidence)
+        self.existence.absorb(other.existence)
+        if other.num_diameters > 0:
+            self._average(other.diameter_m, other.diameter_weight, other.num_diameters)
+
+    def may_be(self, other: "GraphLandmark") -> bool:
+        """Whether nothing but the position could speak against both being one object."""
+        if self.kind is not other.kind or self.identity != other.identity:
+            return False
+        if self.existence.is_gone or other.existence.is_gone:
+            return False
+        if not self.scans.isdisjoint(other.scans):
+            return False
+        return not diameters_contradict(*self.diameter(), *other.diameter())
+
+    def semantics(self) -> SemanticObject:
+        """The tree, rock or marker that it is."""
+        return semantic_object(self.kind, *self.diameter(), self.identity)
+
+    def diameter(self) -> tuple[float, float]:
+        """Its mean and sigma in m, NaN where none was perceived.
+
+        However often one side of a thing is perceived, it stays one side: only views from several
+        tracks make the mean surer.
+        """
+        if self.num_diameters == 0:
+            return np.nan, np.nan
+        return self.diameter_m, self._diameter_sigma_m() * self.num_views**-0.5
+
+    def outline_sigma_m(self) -> float:
+        """How far its centre may seem off from one side: as far as its diameter seems wrong."""
+        return max(_LEAST_OUTLINE_M, self._diameter_sigma_m() if self.num_diameters else 0.0)
+
+    def _diameter_sigma_m(self) -> float:
+        """Of one perception (the harmonic mean of the variances)."""
+        return float((self.num_diameters / self.diameter_weight) ** 0.5)
+
+    def _average(self, diameter_m: float, weight: float, count: int) -> None:
+        self.num_diameters += count
+        self.diameter_weight += weight
+        before = self.diameter_m if self.num_diameters > count else diameter_m
+        self.diameter_m = before + weight / self.diameter_weight * (diameter_m - before)
+
+
+@dataclass(frozen=True, slots=True)
+class Closure:
+    """Two landmarks that are one: `recent` is what was taken for new, `old` stays."""
+
+    recent: int
+    old: int
+    log_odds: float
+
+
+def find_closures(
+    graph: FactorGraph,
+    landmarks: dict[int, GraphLandmark],
+    recent: Sequence[int],
+    least_log_odds: float,
+    due: Set[int] | None = None,
+) -> list[Closure]:
+    """The landmarks among `recent` that are older ones, as far as it is sure enough.
+
+    Args:
+        graph: updated; its joint covariance says how far the drift may have gone.
+        landmarks: all that are in the graph.
+        recent: those in sight now.
+        least_log_odds: how sure is sure enough.
+        due: those of which there is new evidence, None for all; without a pair of one of these
+            nothing is asked of the graph.
+    """
+    if not recent:
+        return []
+    due = set(recent) if due is None else due
+    reach_m = _reach(graph)
+    estimate = _surroundings(graph, recent, reach_m)
+    old = _candidates(recent, estimate, reach_m)
+    places = [np.array([estimate[each] for each in side]).reshape(-1, 2) for side in (recent, old)]
+    near = np.linalg.norm(places[0][:, None] - places[1][None], axis=2) <= reach_m
+    allowed = np.zeros_like(near)
+    for row, column in np.argwhere(near):
+        allowed[row, column] = landmarks[recent[row]].may_be(landmarks[old[column]])
+    if not any(allowed[row].any() for row, each in enumerate(recent) if each in due):
+        return []
+    rows, columns = np.flatnonzero(allowed.any(axis=1)), np.flatnonzero(allowed.any(axis=0))
+    in_sight = recent
+    recent = [recent[row] for row in rows.tolist()]
+    old = [old[column] for column in columns.tolist()]
+    return _closures(
+        landmarks,
+        estimate,
+        recent,
+        old,
+        graph.covariance_around([*recent, *old], in_sight),
+        allowed[np.ix_(rows, columns)],
+        least_log_odds,
+    )
+
+
+def _closures(
+    landmarks: dict[int, GraphLandmark],
+    estimate: Mapping[int, FloatArray],
+    recent: Sequence[int],
+    old: Sequence[int],
+    covariance: FloatArray,
+    allowed: BoolArray,
+    least_log_odds: float,
+) -> list[Closure]:
+    """The pairs of both sides that are sure enough, among those that `allowed` (a, b) permits."""
+    differences = np.array([[estimate[a] - estimate[b] for b in old] for a in recent])
+    outlines2 = [
+        np.array([landmarks[each].outline_sigma_m() ** 2 for each in side])
+        for side in (recent, old)
+    ]
+    pairs = associate(
+        differences,
+        covariance,
+        allowed,
+        _density(estimate, recent),
+        outlines2[0][:, None] + outlines2[1][None, :],
+    )
+    return [
+        Closure(recent[pair.recent], old[pair.old], pair.log_odds)
+        for pair in pairs
+        if pair.log_odds >= least_log_odds
+    ]
+
+
+def _surroundings(
+    graph: FactorGraph, recent: Sequence[int], reach_m: float
+) -> dict[int, FloatArray]:
+    """Positions of those in sight, and of all that drift may have brought apart from them."""
+    places = {landmark: graph.landmark(landmark) for landmark in recent}
+    centre = np.mean(list(places.values()), axis=0)
+    spread_m = max(float(np.hypot(*(place - centre))) for place in places.values())
+    return places | graph.near(centre, max(spread_m + reach_m, _SURROUNDINGS_M))
+
+
+def _candidates(
+    recent: Sequence[int], estimate: Mapping[int, FloatArray], reach_m: float
+) -> list[int]:
+    """The nearest of the landmarks that drift may have brought apart from a recent one."""
+    others = [landmark for landmark in estimate if landmark not in set(recent)]
+    if not others:
+        return []
+    positions = np.array([estimate[landmark] for landmark in others])
+    seen = np.array([estimate[landmark] for landmark in recent])
+    distances = np.linalg.norm(positions[:, None] - seen[None], axis=2).min(axis=1)
+    order = np.argsort(distances, kind="stable")[:_MAX_OLD]
+    return [others[k] for k in order if distances[k] <= reach_m]
+
+
+def _reach(graph: FactorGraph) -> float:
+    """How far what is seen from the last pose may be from its other self, at 99.9 %."""
+    covariance = graph.pose_covariance(graph.num_poses - 1)
+    largest = float(np.linalg.eigvalsh(covariance[:2, :2])[-1])
+    return float(np.clip((2.0 * CHI2_2DOF_999 * largest) ** 0.5, _LEAST_REACH_M, _MAX_REACH_M))
+
+
+def _density(estimate: Mapping[int, FloatArray], recent: Sequence[int]) -> float:
+    """Unmapped landmarks per m2 around those in sight."""
+    positions = np.array(list(estimate.values()))
+    centre = np.mean([estimate[landmark] for landmark in recent], axis=0)
+    near = np.linalg.norm(positions - centre, axis=1) < _SURROUNDINGS_M
+    return _unmapped(int(near.sum()))
+
+
+def density(graph: FactorGraph, landmark: int) -> float:
+    """Unmapped landmarks per m2 around a landmark."""
+    return _unmapped(len(graph.near(graph.landmark(landmark), _SURROUNDINGS_M)))
+
+
+def _unmapped(num_around: int) -> float:
+    return _UNMAPPED * (1.0 + num_around) / (np.pi * _SURROUNDINGS_M**2)
+
+
+class Places(Protocol):
+    """Where landmarks are."""
+
+    @property
+    def map_t_landmarks(self) -> Mapping[int, FloatArray]:
+        """(2,) by landmark."""
+        ...
+
+
+class Solved(Protocol):
+    """A graph with an estimate, incremental or batch."""
+
+    def estimate(self) -> Places:
+        """Where everything is."""
+        ...
+
+    def landmark_covariance(self, landmarks: Sequence[int]) -> FloatArray:
+        """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
+        ...
+
+
+def duplicates(
+    graph: Solved,
+    landmarks: dict[int, GraphLandmark],
+    changed: Set[int],
+    least_log_odds: float,
+) -> list[Closure]:
+    """Pairs of landmarks anywhere that are one object, each landmark at most once.
+
+    Only pairs with one of `changed` are looked at.
+    """
+    estimate = graph.estimate().map_t_landmarks
+    found: list[Closure] = []
+    for batch in _batches(_suspects(landmarks, estimate, changed)):
+        members = sorted({landmark for recent, old in batch for landmark in (recent, *old)})
+        joint = graph.landmark_covariance(members)
+        for recent, group in _with_rivals(landmarks, batch):
+            rows = 2 * np.searchsorted(members, [recent, *group])
+            rows = np.column_stack([rows, rows + 1]).ravel()
+            every = np.ones((1, len(group)), dtype=np.bool_)
+            covariance = joint[np.ix_(rows, rows)]
+            found += [
+                closure
+                for closure in _closures(
+                    landmarks, estimate, [recent], group, covariance, every, least_log_odds
+                )
+                if closure.old == group[0]
+            ]
+    return _disjoint(found)
+
+
+def _with_rivals(
+    landmarks: dict[int, GraphLandmark], suspects: Iterable[tuple[int, list[int]]]
+) -> Iterator[tuple[int, list[int]]]:
+    """Each suspect with each landmark that it may be, followed by those that are not that one."""
+    for recent, old in suspects:
+        for one in old:
+            others = (each for each in old if each != one)
+            yield recent, [one, *(x for x in others if not landmarks[one].may_be(landmarks[x]))]
+
+
+def _suspects(
+    landmarks: dict[int, GraphLandmark], estimate: Mapping[int, FloatArray], changed: Set[int]
+) -> Iterator[tuple[int, list[int]]]:
+    """Each landmark with the earlier ones around that it may be; neighbours follow each other."""
+    from scipy.spatial import KDTree
+
+    if len(estimate) < 2:
+        return
+    ids = list(estimate)
+    tree = KDTree(np.array(list(estimate.values())))
+    around = tree.query_ball_point(tree.data, _DUPLICATES_WITHIN_M)
+    for row in tree.indices.tolist():
+        recent = ids[row]
+        near = [ids[other] for other in around[row] if ids[other] < recent]
+        if recent not in changed:
+            near = [landmark for landmark in near if landmark in changed]
+        old = [landmark for landmark in near if landmarks[recent].may_be(landmarks[landmark])]
+        if old:
+            yield recent, old
+
+
+def _batches(
+    suspects: Iterable[tuple[int, list[int]]],
+) -> Iterator[list[tuple[int, list[int]]]]:
+    """Suspects that share a joint covariance, which costs for forty what it costs for two."""
+    batch: list[tuple[int, list[int]]] = []
+    size = 0
+    for recent, old in suspects:
+        if batch and size + 1 + len(old) > _BATCH:
+            yield batch
+            batch, size = [], 0
+        batch.append((recent, old))
+        size += 1 + len(old)
+    if batch:
+        yield batch
+
+
+def _disjoint(closures: list[Closure]) -> list[Closure]:
+    """The surest first, no landmark twice."""
+    taken: set[int] = set()
+    kept = []
+    for closure in sorted(closures, key=lambda closure: -closure.log_odds):
+        if taken.isdisjoint((closure.recent, closure.old)):
+            taken |= {closure.recent, closure.old}
+            kept.append(closure)
+    return kept

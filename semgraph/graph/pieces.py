@@ -1,0 +1,99 @@
+"""Covariances out of pieces of a graph: a few condensed stretches, whatever else there is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from semgraph.arrays import FloatArray
+from semgraph.errors import GraphError
+from semgraph.graph.information import Information
+
+_WELL_KNOWN_M: Final = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """A stretch between two poses of the graph, linearized and whitened.
+
+    Attributes:
+        first, last: its poses.
+        landmarks: (n) that its things are; several may be one.
+        by_first, by_last, by_things: (d, 3), (d, 3), (d, n, 2).
+    """
+
+    first: int
+    last: int
+    landmarks: tuple[int, ...]
+    by_first: FloatArray
+    by_last: FloatArray
+    by_things: FloatArray
+
+
+def covariance_by(
+    pieces: Sequence[Piece], newest: Piece, landmarks: Sequence[int]
+) -> FloatArray | None:
+    """(2n, 2n) joint covariance of landmarks as if the newest piece's last pose were known.
+
+    What all other factors know could only make it smaller. None where that is needed: where the
+    pieces do not hold a landmark and the newest one together, to half a metre.
+    """
+    chosen = _connected(pieces, newest)
+    places = sorted({landmark for piece in chosen for landmark in piece.landmarks})
+    poses = sorted({pose for piece in chosen for pose in (piece.first, piece.last)} - {newest.last})
+    columns = {pose: 2 * len(places) + 3 * k for k, pose in enumerate(poses)}
+    of = {landmark: 2 * k for k, landmark in enumerate(places)}
+    if not of.keys() >= set(landmarks):
+        return None
+    jacobian = _together(chosen, columns, of)
+    asked = np.array([of[landmark] + k for landmark in landmarks for k in range(2)])
+    try:
+        covariance = Information(jacobian).covariance(asked)
+    except GraphError:
+        # Pieces with one landmark in common turn about it as they like.
+        return None
+    return covariance if np.diag(covariance).max() <= _WELL_KNOWN_M**2 else None
+
+
+def _together(pieces: Sequence[Piece], columns: dict[int, int], of: dict[int, int]) -> csr_matrix:
+    """All pieces in one matrix; what they say of a known pose falls away."""
+    values, rows, wheres, height = [], [], [], 0
+    for piece in pieces:
+        by = [piece.by_things.reshape(len(piece.by_first), -1)]
+        where = [of[landmark] + k for landmark in piece.landmarks for k in range(2)]
+        for pose, by_pose in ((piece.first, piece.by_first), (piece.last, piece.by_last)):
+            if pose in columns:
+                by.append(by_pose)
+                where += range(columns[pose], columns[pose] + 3)
+        A = np.hstack(by)
+        values.append(A.ravel())
+        rows.append(np.repeat(height + np.arange(len(A)), A.shape[1]))
+        wheres.append(np.tile(where, len(A)))
+        height += len(A)
+    shape = height, 2 * len(of) + 3 * len(columns)
+    parts = (np.concatenate(each) for each in (values, rows, wheres))
+    value, row, column = parts
+    # Those of one place, from tracks that are one landmark, add up.
+    return csr_matrix((value, (row, column)), shape=shape)
+
+
+def _connected(pieces: Sequence[Piece], newest: Piece) -> list[Piece]:
+    """Those that share poses or landmarks with the newest one, or with each other up to it."""
+    chosen, left = [newest], list(pieces)
+    poses, landmarks = {newest.first, newest.last}, set(newest.landmarks)
+    while True:
+        joining = [
+            piece
+            for piece in left
+            if not poses.isdisjoint((piece.first, piece.last))
+            or not landmarks.isdisjoint(piece.landmarks)
+        ]
+        if not joining:
+            return chosen
+        chosen += joining
+        left = [piece for piece in left if piece not in joining]
+        for piece in joining:
+            poses |= {piece.first, piece.last}
+            landmarks |= set(piece.landmarks)

@@ -1,0 +1,465 @@
+"""The graph beside the fast estimator: sightings in, smoothed trajectory and map out.
+
+A fast estimator with a short memory follows each object while it is in sight; such a stretch is a
+*track*, and each track starts as a landmark of its own. Whether it is an older landmark seen again
+is decided by the graph's own uncertainty, and then both become one; if what comes later speaks
+against that, they are two again. What moves is taken out; what is not seen often enough stays
+tentative, out of the map; what is no longer seen where it should be is gone.
+"""
+
+from array import array
+from collections.abc import Callable, Iterable, Sequence, Set
+from typing import Final
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.decisions import Decision, What
+from semgraph.estimates import Trajectory
+from semgraph.fast_estimator import FastStep
+from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.graph.absence import Look, count_misses
+from semgraph.graph.contradiction import log_odds_of_one
+from semgraph.graph.existence import Tally
+from semgraph.graph.factor_graph import Checkpoint, FactorGraph
+from semgraph.graph.factors import Sighting
+from semgraph.graph.growing import Ragged
+from semgraph.graph.keyframes import Keyframes
+from semgraph.graph.landmark_registry import LandmarkRegistry, Merge
+from semgraph.graph.loop_closure import Closure, GraphLandmark, density, duplicates, find_closures
+from semgraph.graph.recognition import Recognition, is_lost, recognise
+from semgraph.graph.tracks import Track
+from semgraph.landmarks import Gone, Kind, Landmark, Perceptions
+from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
+from sensors.views import View
+
+
+class SmootherSettings(BaseModel):
+    """Settings of the graph."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    start_sigma_m: float = Field(1e-3, gt=0.0)
+    start_sigma_rad: float = Field(1e-4, gt=0.0)
+    min_sightings: int = Field(3, ge=1)
+    least_seconds: float = Field(0.85, ge=0.0)
+    update_every_scans: int = Field(5, ge=1)
+    closure_odds: float = Field(100.0, gt=1.0)
+    duplicate_odds: float = Field(10.0, gt=1.0)
+    in_sight_scans: int = Field(10, ge=0)
+    window_scans: int = Field(20, ge=0)
+
+    def start(self, map_T_start: Pose2) -> UncertainPose2:
+        """Where the run starts, as surely as the settings say."""
+        sigmas = np.array([self.start_sigma_m, self.start_sigma_m, self.start_sigma_rad])
+        return UncertainPose2(map_T_start, np.diag(sigmas**2))
+
+
+# Fewer scans without a sighting are an interruption, not a loop.
+_LOOP_SCANS: Final = 100
+# Among fewer things nobody can tell whether the robot or the thing moves.
+_LEAST_TO_JUDGE: Final = 3
+# What an outline seen from another side adds to the cost of a sighting at most.
+_COST_A_SIGHTING: Final = 3.0
+
+
+class Smoother:
+    """Builds the graph scan by scan."""
+
+    def __init__(self, settings: SmootherSettings, map_T_start: Pose2) -> None:
+        self._settings = settings
+        self._graph = FactorGraph(settings.start(map_T_start), settings.window_scans)
+        self._keyframes = Keyframes()
+        self._registry = LandmarkRegistry()
+        self._moving: list[Track] = []
+        self._looks = {kind: Tally() for kind in Kind}
+        self._reliabilities = dict.fromkeys(Kind, (0, 0.0))
+        self._stamps_ns = array("q")
+        self._tracker_ids = Ragged()
+        self._last_fast: Pose2 | None = None
+        self._guess = map_T_start
+        self._decisions: list[Decision] = []
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        """What was decided of landmarks, in order."""
+        return tuple(self._decisions)
+
+    @property
+    def events(self) -> tuple[str, ...]:
+        """What was decided, and what went wrong and was mended, one line each."""
+        return (*map(str, self._decisions), *self._graph.incidents)
+
+    def add(self, step: FastStep, perceptions: Perceptions, views: Sequence[View]) -> None:
+        """Takes in one scan of the fast estimator.
+
+        Args:
+            step: of the fast estimator.
+            perceptions: that the step was made with.
+            views: how far lasers saw; without, nothing is ever missed.
+        """
+        self._move(step)
+        rows = np.flatnonzero(step.landmark_ids >= 0).tolist()
+        tracks = [
+            self._registry.track(int(step.landmark_ids[row]), perceptions, row) for row in rows
+        ]
+        self._look_for_movers(tracks, rows, step, perceptions)
+        self._moving += [track for track in tracks if track.is_moving]
+        standing = [
+            (track, row) for track, row in zip(tracks, rows, strict=True) if not track.is_moving
+        ]
+        if standing:
+            self._keyframes.add_pose(self._graph.add_pose(self._keyframes.since_last, self._guess))
+        else:
+            self._keyframes.add_between(self._graph.num_poses - 1)
+        for track, row in standing:
+            self._sight(track, step.map_T_base.pose, perceptions, row)
+        if len(self._stamps_ns) % self._settings.update_every_scans == 0:
+            self._update()
+            if views:
+                self._miss(Look(step.map_T_base.pose, self._guess, perceptions, views))
+
+    def finish(self, note: Callable[[str], None]) -> None:
+        """The batch optimum, with duplicates that only the whole run reveals made one.
+
+        Args:
+            note: told what is being done.
+        """
+        note("settling")
+        self._graph.polish()
+        self._merge_duplicates(set(self._registry.landmarks), note)
+        merged = [
+            (landmark, merge)
+            for landmark in self._registry.landmarks
+            for merge in self._registry.merges(landmark)
+        ]
+        if self._take_back(merged):
+            self._graph.polish()
+
+    def latest(self) -> Pose2:
+        """map_T_base of the last scan: by the last update, and by the fast estimates since."""
+        return self._guess
+
+    def trajectory(self) -> Trajectory:
+        """The smoothed pose of each scan."""
+        self._catch_up()
+        poses = self._graph.estimate().map_T_bases
+        return Trajectory(
+            np.array(self._stamps_ns, dtype=np.int64), self._keyframes.trajectory(poses)
+        )
+
+    def covariances(self) -> FloatArray:
+        """(n, 3, 3) of the trajectory's poses, each in its own frame."""
+        self._catch_up()
+        return self._keyframes.covariances(*self._graph.chain_covariances())
+
+    def associations(self) -> dict[int, IntArray]:
+        """By stamp, the landmark that each perception was taken for in the end, -1 for none.
+
+        What was taken out since it moves is none.
+        """
+        return {
+            stamp_ns: self._registry.landmark_ids(ids)
+            for stamp_ns, ids in zip(self._stamps_ns, self._tracker_ids, strict=True)
+        }
+
+    def landmarks(self) -> tuple[Landmark, ...]:
+        """The map: all confirmed landmarks of the graph with their marginal covariances."""
+        self._catch_up()
+        return self._as_landmarks(self._confirmed())
+
+    def gone(self) -> tuple[Gone, ...]:
+        """What was confirmed once and is no longer there."""
+        landmarks = self._registry.landmarks
+        gone = [
+            landmark
+            for landmark, known in landmarks.items()
+            if known.existence.is_gone and known.existence.was_there and self._is_established(known)
+        ]
+        return tuple(
+            Gone(landmark, landmarks[landmark.id].existence.num_misses)
+            for landmark in self._as_landmarks(gone)
+        )
+
+    def _catch_up(self) -> None:
+        """Takes in the scans since the last update."""
+        if not self._graph.is_updated:
+            self._graph.update()
+
+    def _as_landmarks(self, landmarks: list[int]) -> tuple[Landmark, ...]:
+        """Values with their marginal covariances."""
+        covariances = self._graph.landmark_covariances(landmarks)
+        known = [self._registry.landmarks[landmark] for landmark in landmarks]
+        return tuple(
+            Landmark(
+                landmark,
+                its.semantics(),
+                self._graph.landmark(landmark),
+                covariance,
+                self._graph.num_sightings(landmark),
+                self._reliability(its),
+            )
+            for landmark, its, covariance in zip(landmarks, known, covariances, strict=True)
+        )
+
+    def _confirmed(self) -> list[int]:
+        """The landmarks of the map: neither tentative nor gone.
+
+        What is in sight of a standing robot needs not be seen from apart.
+        """
+        in_sight = {track.landmark for track in self._in_sight()}
+        return [
+            landmark
+            for landmark, known in self._registry.landmarks.items()
+            if self._is_established(known)
+            and (
+                known.existence.is_there
+                or (landmark in in_sight and known.existence.log_odds > 0.0)
+            )
+        ]
+
+    def _is_established(self, known: GraphLandmark) -> bool:
+        """Whether it was sighted often and long enough, and rather is what it seems than not.
+
+        Long without the time between: somebody may walk by the same place twice, and is within
+        half a metre of it for 0.83 s each time. An identity is the same whenever it is sighted.
+        """
+        stayed_ns = known.stayed_ns
+        if known.identity:
+            stayed_ns = self._stamps_ns[known.scans.last] - self._stamps_ns[known.scans.first]
+        return (
+            known.num_sightings >= self._settings.min_sightings
+            and stayed_ns >= self._settings.least_seconds * 1e9
+            and self._reliability(known) > 0.5
+        )
+
+    def _reliability(self, known: GraphLandmark) -> float:
+        count, total = self._reliabilities[known.kind]
+        return known.evidence.reliability(total / max(count, 1))
+
+    @property
+    def _scan(self) -> int:
+        """The number of the last scan."""
+        return len(self._stamps_ns) - 1
+
+    def _move(self, step: FastStep) -> None:
+        """The robot goes on by the motion model alone; the fast estimate says where to start.
+
+        The closed form has used the sightings that enter the graph themselves, so only its value
+        seeds the pose: as a factor it would count them twice.
+        """
+        fast = step.map_T_base.pose
+        last_T_current = (
+            step.motion.pose if self._last_fast is None else self._last_fast.between(fast)
+        )
+        self._last_fast = fast
+        self._guess = self._guess @ last_T_current
+        self._keyframes.move(step.motion)
+        self._stamps_ns.append(step.stamp_ns)
+        self._tracker_ids.append(step.landmark_ids)
+
+    def _look_for_movers(
+        self, tracks: list[Track], rows: list[int], step: FastStep, perceptions: Perceptions
+    ) -> None:
+        """Notes what moves; where most seem to, it is the robot's pose that jumped."""
+        places, covariances = step.map_T_base.transform(
+            perceptions.base_t_landmarks(), perceptions.base_covariances()
+        )
+        moved = [
+            track.moved(step.stamp_ns, places[row], covariances[row])
+            for track, row in zip(tracks, rows, strict=True)
+        ]
+        if len(moved) < _LEAST_TO_JUDGE:
+            return
+        distances2 = mahalanobis2(*(np.array(each) for each in zip(*moved, strict=True)))
+        away = (distances2 > CHI2_2DOF_999).tolist()
+        if 2 * sum(away) < len(away):
+            for track, is_away in zip(tracks, away, strict=True):
+                track.note(is_away=is_away)
+
+    def _sight(self, track: Track, odom_T_base: Pose2, perceptions: Perceptions, row: int) -> None:
+        """One sighting more; an unreliable one weighs less."""
+        if track.landmark not in self._registry.landmarks:
+            guess = self._guess.transform(perceptions.base_t_landmarks()[[row]])[0]
+            self._graph.add_landmark(track.landmark, guess)
+            self._registry.landmarks[track.landmark] = track.known
+        reliability = float(perceptions.reliabilities[row])
+        kind = track.known.kind
+        track.known.existence.hit(odom_T_base, reliability, self._looks[kind])
+        track.sight(self._scan, perceptions, row)
+        count, total = self._reliabilities[kind]
+        self._reliabilities[kind] = (count + 1, total + reliability)
+        self._graph.add_sighting(
+            Sighting.of(perceptions, row, self._graph.num_poses - 1, track.landmark, track.number)
+        )
+
+    def _in_sight(self) -> list[Track]:
+        """The tracks sighted lately, of what does not move."""
+        return self._registry.in_sight(self._scan - self._settings.in_sight_scans)
+
+    def _drop_moving(self) -> None:
+        """Takes out what has turned out to move; what an older landmark was taken for stays."""
+        for track in self._moving:
+            if self._registry.drop(track):
+                self._graph.remove(track.landmark)
+                why = f"first sighted at scan {track.known.scans.first}"
+                self._decide(What.MOVING, track.landmark, track.known, why=why)
+        self._moving.clear()
+
+    def _miss(self, look: Look) -> None:
+        """Counts against all landmarks that the scan should show and did not."""
+        reach_m = max(view.reach_m for view in look.views)
+        landmarks, least = self._registry.landmarks, self._settings.min_sightings
+        places = self._graph.near(look.map_T_base.as_array()[:2], reach_m)
+        known = {k: landmarks[k] for k in places if landmarks[k].num_sightings >= least}
+        in_sight = {track.landmark for track in self._in_sight()}.intersection(known)
+        for landmark in count_misses(look, known, places, in_sight, self._looks):
+            gone = known[landmark]
+            if gone.existence.was_there:
+                why = (
+                    f"last sighted at scan {gone.scans.last}, "
+                    f"{gone.existence.num_misses} looks in vain"
+                )
+                self._decide(What.GONE, landmark, gone, why=why)
+
+    def _update(self) -> None:
+        """One iSAM2 update for the scans since the last, then a look for closed loops."""
+        self._graph.update()
+        self._drop_moving()
+        in_sight = self._in_sight()
+        recent = sorted({track.landmark for track in in_sight})
+        if due := {track.landmark for track in in_sight if track.is_due}:
+            self._look_for_closures(recent, due)
+            for track in in_sight:
+                track.tested = track.known.num_sightings
+        if self._take_back(self._registry.due(recent, self._scan)):
+            self._graph.update(relinearize=True)
+        last = self._graph.pose(self._graph.num_poses - 1)
+        self._guess = last @ self._keyframes.since_last.pose
+
+    def _look_for_closures(self, recent: Sequence[int], due: Set[int]) -> None:
+        """Pairs by the gates; where these hold all and nothing, the place by its constellation."""
+        graph, landmarks = self._graph, self._registry.landmarks
+        odds = float(np.log(self._settings.closure_odds))
+        if not is_lost(graph):
+            self._close(find_closures(graph, landmarks, recent, odds, due))
+        elif found := recognise(graph, landmarks, recent, odds):
+            self._find_itself(found)
+
+    def _find_itself(self, found: Recognition) -> None:
+        """Brings all since the weakest link to where it was recognised, and closes the loop.
+
+        From where it was believed no solver would find there.
+        """
+        graph = self._graph
+        before = graph.checkpoint()
+        last = max(each.pose for pair in found.closures for each in graph.sightings(pair.old))
+        graph.carry(found.correction, graph.weakest_link(last))
+        self._close(found.closures, before)
+
+    def _close(self, closures: Sequence[Closure], before: Checkpoint | None = None) -> None:
+        """Makes each pair one; all are two again where the graph does not agree.
+
+        A closure that is far off moves much of the graph. What it moves that far must not cost
+        more than the pairs were said to be apart, and what an outline may do to their sightings.
+        """
+        graph = self._graph
+        is_far = any(graph.are_far_apart(each.recent, each.old) for each in closures)
+        if is_far and before is None:
+            before = graph.checkpoint()
+        merged = self._merge(closures)
+        if not merged:
+            return
+        graph.update(relinearize=True)
+        if before is not None:
+            graph.settle()
+            merges = [(each.old, self._registry.merges(each.old)[-1]) for each in merged]
+            sightings = sum(
+                each.track in merge.tracks
+                for landmark, merge in merges
+                for each in graph.sightings(landmark)
+            )
+            most = 0.5 * CHI2_2DOF_999 * len(merged) + _COST_A_SIGHTING * sightings
+            rise = graph.cost() - before.cost
+            if rise > most:
+                for landmark, merge in merges:
+                    why = f"the graph's cost rose by {rise:.0f}; {most:.0f} were to be expected"
+                    self._split(landmark, merge, why)
+                graph.go_back(before)
+
+    def _merge_duplicates(self, changed: set[int], note: Callable[[str], None]) -> None:
+        """Until there are no more that involve what has changed."""
+        odds = float(np.log(self._settings.duplicate_odds))
+        while True:
+            closures = duplicates(self._graph, self._registry.landmarks, changed, odds)
+            merged = self._merge(closures, What.DUPLICATE)
+            if not merged:
+                return
+            note(f"settling, {len(merged)} pairs of landmarks found to be one")
+            # Not only for the optimum: in a graph built anew, joint covariances cost a tenth.
+            self._graph.polish()
+            changed = {closure.old for closure in merged}
+
+    def _merge(self, closures: Iterable[Closure], what: What | None = None) -> list[Closure]:
+        """Makes each pair one landmark; everything else follows in the next solution."""
+        merged = [closure for closure in closures if what or self._registry.may_merge(closure)]
+        for closure in merged:
+            recent, old = (self._registry.landmarks[each] for each in (closure.recent, closure.old))
+            unseen = recent.scans.first - old.scans.last
+            closed = What.LOOP_CLOSED if unseen > _LOOP_SCANS else What.RESUMED
+            self._decide(
+                what or closed,
+                closure.recent,
+                old,
+                closure.old,
+                closure.log_odds,
+                f"unseen for {unseen} scans" if unseen > 0 else "seen by turns",
+            )
+            self._graph.merge(closure.recent, closure.old)
+            self._registry.merge(closure, self._scan)
+        return merged
+
+    def _take_back(self, merges: Iterable[tuple[int, Merge]]) -> int:
+        """How many of these merges are taken back, since sightings now contradict them."""
+        least = -float(np.log(self._settings.closure_odds))
+        num_taken_back = 0
+        for landmark, merge in merges:
+            sightings = self._graph.sightings(landmark)
+            theirs = [each for each in sightings if each.track in merge.tracks]
+            others = [each for each in sightings if each.track not in merge.tracks]
+            if not theirs or not others:
+                continue
+            known = self._registry.landmarks[landmark]
+            odds = log_odds_of_one(
+                self._graph,
+                theirs,
+                others,
+                2.0 * known.outline_sigma_m() ** 2,
+                density(self._graph, landmark),
+            )
+            if odds < least:
+                why = f"taken for one with log odds {merge.log_odds:.1f}"
+                self._split(landmark, merge, why, odds)
+                num_taken_back += 1
+        return num_taken_back
+
+    def _split(self, landmark: int, merge: Merge, why: str, log_odds: float = float("nan")) -> None:
+        """Makes two of one again."""
+        known = self._registry.landmarks[landmark]
+        self._graph.split(landmark, merge.tracks, merge.recent)
+        alone = self._registry.split(landmark, merge)
+        self._decide(What.TAKEN_BACK, alone, known, landmark, log_odds, why)
+
+    def _decide(
+        self,
+        what: What,
+        landmark: int,
+        known: GraphLandmark,
+        other: int = -1,
+        log_odds: float = float("nan"),
+        why: str = "",
+    ) -> None:
+        self._decisions.append(
+            Decision(self._scan, what, known.kind, landmark, other, log_odds, why)
+        )

@@ -1,0 +1,1 @@
+"""Refinement: all that runs measured in one graph, prior maps, sessions."""
