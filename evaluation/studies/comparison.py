@@ -116,8 +116,15 @@ def differences(outcomes: Sequence[Outcome], rng: np.random.Generator) -> tuple[
 
 
 def winner(difference: Difference) -> str | None:
-    """The better estimator of the two, None where chance may have made the difference."""
+    """The better estimator of the two, None where chance may have made the difference.
+
+    Ranks and the median may point to opposite sides, as where one estimator is a little better on
+    most seeds and lost on the others: where the median's interval is on both sides of 0, neither
+    is better.
+    """
     if not difference.p_adjusted <= 1.0 - CONFIDENCE or difference.median == 0.0:
+        return None
+    if difference.low * difference.high < 0.0:
         return None
     is_first_lower = difference.median < 0.0
     is_lower_better = difference.better is not Direction.HIGHER

@@ -138,7 +138,7 @@ def outcome_line(outcome: Outcome) -> bytes:
         id=outcome.trial.id,
         trial=_trial_model(outcome.trial),
         status=outcome.status,
-        reason=" ".join(outcome.reason.split())[:4000],
+        reason=_line_of(outcome.reason),
         wall_s=float(outcome.wall_s),
         cpu_s=float(outcome.cpu_s),
         peak_memory_bytes=int(outcome.peak_memory_bytes),
@@ -228,6 +228,12 @@ def _drawing_model(drawing: Drawing) -> _DrawingModel:
         true_landmarks=_pairs(drawing.true_landmarks),
         estimated_landmarks=_pairs(drawing.estimated_landmarks),
     )
+
+
+def _line_of(reason: str) -> str:
+    """One line that UTF-8 can hold: a file's name in it may be of any bytes."""
+    told = reason.encode("utf-8", "backslashreplace").decode()
+    return " ".join(told.split())[:4000]
 
 
 def _digits(values: FloatArray) -> list[float]:

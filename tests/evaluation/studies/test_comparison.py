@@ -161,3 +161,15 @@ def test_conditions_are_apart_but_corrected_together() -> None:
     assert [each.condition for each in both] == ["calm", "windy"]
     lowest = min(both, key=_p)
     assert lowest.p_adjusted == min(2 * lowest.p, 1.0)
+
+
+def test_ranks_and_median_that_point_to_opposite_sides_name_no_winner() -> None:
+    drawn = rng().uniform(1.0, 1.1, 100)
+    # A little better on 51 seeds, and lost on 49.
+    gaps = np.where(np.arange(100) < 51, -0.001 * drawn, drawn)
+    (found,) = differences(
+        outcomes({"often lost": (2.0 + gaps).tolist(), "steady": [2.0] * 100}), rng()
+    )
+    assert found.p_adjusted < 0.001
+    assert found.median < 0.0
+    assert winner(found) is None

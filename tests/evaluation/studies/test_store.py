@@ -196,3 +196,9 @@ def test_a_folder_that_cannot_be_one_is_said(tmp_path: Path) -> None:
         pass
     with pytest.raises(InputError, match="expected the folder of a study"):
         read_outcomes(tmp_path)
+
+
+def test_a_reason_with_a_files_odd_bytes_is_stored_as_text(tmp_path: Path) -> None:
+    outcome = Outcome(trial(), Status.FAILED, "no file \udcff.csv")
+    with opened_store(tmp_path) as store:
+        assert store.append(outcome_line(outcome)).reason == r"no file \udcff.csv"
