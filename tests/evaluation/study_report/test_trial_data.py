@@ -44,6 +44,23 @@ def test_where_there_are_many_no_peak_is_lost() -> None:
     assert max(told) == pytest.approx(series.position_errors_m.max(), rel=2e-3)
 
 
+def test_thinned_nees_are_those_of_samples_not_the_largest() -> None:
+    contents = made.contents(made.outcomes(2))
+    thinned = json.loads(trial_data(contents, 10_000))
+    series = contents.outcomes[2].series
+    assert series is not None
+    told = _values(_block(thinned["pairs"][0])["trials"][2]["series"]["n"])
+    stride = len(series.nees) // len(told)
+    assert told == pytest.approx(np.log10(series.nees[stride - 1 :: stride]), abs=0.01)
+
+
+def test_units_and_directions_are_told() -> None:
+    data = json.loads(trial_data(made.contents(made.outcomes(2)), 1_000_000))
+    told = {name: (unit, better) for name, unit, better in data["metrics"]}
+    assert told["path error (ATE RMSE)"] == ("m", "lower")
+    assert told["NEES of the poses"] == ("", "nearest to 3")
+
+
 def _block(pair: dict[str, Any]) -> dict[str, Any]:
     return dict(json.loads(zlib.decompress(base64.b64decode(pair["data"]))))
 
