@@ -9,6 +9,7 @@ import numpy as np
 
 from evaluation.studies.trial import Drawing, Outcome, Series
 from evaluation.study_report.contents import Contents, words_of
+from evaluation.study_report.time_figures import LEAST_NEES
 from semgraph.arrays import FloatArray
 
 _STRIDES: Final = (1, 2, 3, 4, 6, 8)
@@ -104,9 +105,9 @@ def _largest(values: FloatArray, stride: int) -> FloatArray:
     return np.where(np.isneginf(filled), np.nan, filled)
 
 
-def _logs(values: FloatArray) -> FloatArray:
-    """log10; NaN of what is not above zero."""
-    return np.log10(np.where(values > 0.0, values, np.nan))
+def _logs(nees: FloatArray) -> FloatArray:
+    """log10; what cannot be told from 0 is drawn at `LEAST_NEES`."""
+    return np.log10(np.maximum(nees, LEAST_NEES))
 
 
 def _points(points: FloatArray) -> list[Any]:

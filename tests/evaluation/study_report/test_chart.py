@@ -20,7 +20,5 @@ def test_a_name_of_one_long_word_keeps_its_end() -> None:
 def test_the_label_at_the_left_is_beside_the_numbers_not_over_them() -> None:
     chart = Chart(Scale(0.0, 1.0, "time (s)"), Scale(0.01121, 0.01362, "path error (m)"))
     ends = re.findall(r'text-anchor="end" x="([\d.]+)"[^>]*>([^<]+)<', chart.svg("t", "d"))
-        r'x="([\d.]+)"[^>]*text-anchor="end"[^>]*>([^<]+)<', chart.svg("t", "d")
-    )
     assert ends
     assert all(float(x) - 7.0 * len(word) > 20.0 for x, word in ends)
