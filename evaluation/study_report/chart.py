@@ -168,7 +168,7 @@ def rows_chart(names: Sequence[str], x: Scale, row_height: float = 27.0) -> Char
 def map_chart(points: FloatArray) -> Chart:
     """A chart of a plane in metres, as long as it is wide on both axes."""
     low, high = points.min(axis=0), points.max(axis=0)
-    room = 0.04 * float((high - low).max()) or 1.0
+    room = 0.04 * float((high - low).max()) or max(1.0, 0.04 * float(np.abs(points).max()))
     low, high = low - room, high + room
     left = _room_left(Scale(float(low[1]), float(high[1])))
     width_m, height_m = high - low

@@ -63,7 +63,7 @@
     const room = 0.05 * (y1 - y0) || 0.5 * Math.abs(y1) || 1;
     y1 += room; y0 = zero ? Math.min(0, y0) : y0 - room;
     if (!equal) x0 = Math.min(0, x0);
-    if (!(x1 > x0)) x1 = x0 + 1;
+    if (!(x1 > x0)) x1 = x0 + (Math.abs(x0) || 1);
     const upright = ticks(y0, y1, log && y1 - y0 > 1.5 ? 1 : 0), shown = upright.map((y) => three(log ? 10 ** y : y));
     const W = 460, L = Math.max(56, 28 + 7.4 * Math.max(0, ...shown.map((s) => s.length))), R = 14, T = 10, B = 44, w = W - L - R;
     let h = 220;

@@ -58,7 +58,7 @@ def scale_of(
         room = max((high / low) ** 0.06, 1.15)
         return Scale(low / room, high * room, label, logarithmic=True)
     room = 0.05 * (high - low) or 0.5 * abs(high) or 1.0
-    return Scale(0.0 if from_zero else low - room, high + room, label)
+    return Scale(min(low, 0.0) if from_zero else low - room, high + room, label)
 
 
 def figure_text(value: float) -> str:
