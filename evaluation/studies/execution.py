@@ -18,7 +18,7 @@ from evaluation.studies.outcome_lines import outcome_line
 from evaluation.studies.trial import Outcome, Status, Trial
 from evaluation.studies.trial_process import MEASURE, Limits, measure_named, measured
 from evaluation.studies.trial_runner import TrialRunner, run_trial
-from semgraph.errors import SemgraphError
+from semgraph.errors import InputError, SemgraphError
 from semgraph.one_thread import ONE_THREAD
 
 if TYPE_CHECKING:
@@ -244,7 +244,11 @@ def _connected(address: str, tls: Tls) -> Iterator["Client"]:
     from distributed.security import Security
 
     given = {"tls_ca_file": tls.ca, "tls_client_cert": tls.certificate, "tls_client_key": tls.key}
-    security = Security(**{key: str(path) for key, path in given.items() if path is not None})
+    files = {key: path for key, path in given.items() if path is not None}
+    for path in files.values():
+        if not path.is_file():
+            raise InputError(f"{path}: expected a file in PEM for {address}, there is none")
+    security = Security(**{key: str(path) for key, path in files.items()})
     try:
         client = Client(address, security=security, timeout=_PATIENCE_S)
     except (OSError, ValueError, TypeError, RuntimeError) as error:

@@ -16,12 +16,15 @@ _MAX_POINTS: Final = 100_000
 # Of what pages draw, a tenth of a millimetre and six digits are plenty.
 _DRAWN_DECIMALS: Final = 4
 _SERIES_DIGITS: Final = 6
+# What is larger is as good as infinite, and sums and ratios of what is not are finite.
+_LARGEST: Final = 1e100
 
 _Text = Annotated[str, Field(max_length=4000)]
 _Pairs = Annotated[list[tuple[_Text, _Text]], Field(max_length=1000)]
-_Samples = Annotated[list[float], Field(max_length=MAX_SAMPLES)]
-_Known = Annotated[list[float | None], Field(max_length=MAX_SAMPLES)]
-_Points = Annotated[list[tuple[float, float]], Field(max_length=_MAX_POINTS)]
+_Number = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
+_Samples = Annotated[list[_Number], Field(max_length=MAX_SAMPLES)]
+_Known = Annotated[list[_Number | None], Field(max_length=MAX_SAMPLES)]
+_Points = Annotated[list[tuple[_Number, _Number]], Field(max_length=_MAX_POINTS)]
 
 
 class _TrialModel(BaseModel):
@@ -51,10 +54,10 @@ class _MetricModel(BaseModel):
     model_config = STRICT
 
     name: _Text = Field(min_length=1)
-    value: float | None
+    value: _Number | None
     unit: _Text
     better: Direction
-    expected: float | None = None
+    expected: _Number | None = None
 
 
 class _SeriesModel(BaseModel):
@@ -138,7 +141,7 @@ def outcome_line(outcome: Outcome) -> bytes:
         id=outcome.trial.id,
         trial=_trial_model(outcome.trial),
         status=outcome.status,
-        reason=" ".join(outcome.reason.split())[:4000],
+        reason=_line_of(outcome.reason),
         wall_s=float(outcome.wall_s),
         cpu_s=float(outcome.cpu_s),
         peak_memory_bytes=int(outcome.peak_memory_bytes),
@@ -230,16 +233,29 @@ def _drawing_model(drawing: Drawing) -> _DrawingModel:
     )
 
 
+def _line_of(reason: str) -> str:
+    """One line that UTF-8 can hold: a file's name in it may be of any bytes."""
+    told = reason.encode("utf-8", "backslashreplace").decode()
+    return " ".join(told.split())[:4000]
+
+
 def _digits(values: FloatArray) -> list[float]:
-    return [float(f"{value:.{_SERIES_DIGITS}g}") for value in values]
+    within = np.clip(values, -_LARGEST, _LARGEST)
+    return [float(f"{value:.{_SERIES_DIGITS}g}") for value in within]
 
 
 def _pairs(points: FloatArray) -> list[tuple[float, float]]:
-    return [(x, y) for x, y in np.round(points, _DRAWN_DECIMALS).tolist()]
+    return [(x, y) for x, y in _drawn(points).tolist()]
+
+
+def _drawn(points: FloatArray) -> FloatArray:
+    """As many decimals as a page draws; those of the largest numbers would overflow."""
+    within = np.clip(points, -_LARGEST, _LARGEST)
+    return np.asarray(np.round(within, _DRAWN_DECIMALS))
 
 
 def _null(values: list[float]) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]
+    return [float(value) if abs(value) <= _LARGEST else None for value in values]
 
 
 def _nan(values: list[float | None]) -> list[float]:

@@ -15,7 +15,7 @@ from evaluation.studies.comparison import Difference, Summary, differences, summ
 from evaluation.studies.running import read_run
 from evaluation.studies.store import STUDY_TOML
 from evaluation.studies.study_file import plan_study, study_text
-from evaluation.studies.trial_tables import write_files
+from evaluation.studies.trial_tables import csv_cell, write_files
 from evaluation.study_report.contents import Contents
 from evaluation.study_report.page import page
 
@@ -77,11 +77,11 @@ def _table(kind: type[Summary | Difference], rows: Sequence[Summary | Difference
     return text.getvalue()
 
 
-def _cell(value: object) -> object:
+def _cell(value: str | float | Enum | None) -> str | float | None:
     if isinstance(value, Enum):
-        return value.value
+        return str(value.value)
     is_unknown = isinstance(value, float) and np.isnan(value)
-    return "" if value is None or is_unknown else value
+    return None if is_unknown else csv_cell(value)
 
 
 def _write(path: Path, text: str) -> None:

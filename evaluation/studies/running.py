@@ -4,14 +4,18 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, closing
 from pathlib import Path
+from typing import Final
 
 from evaluation.studies.execution import Execution, outcome_lines
 from evaluation.studies.store import STUDY_TOML, TRIALS_JSONL, Store, opened_store, read_outcomes
 from evaluation.studies.study_file import Plan, Study, plan_study, read_study, study_text
 from evaluation.studies.trial import Outcome, Status, Trial
 from evaluation.studies.trial_tables import write_files, write_tables
+from evaluation.studies.versions import mixed_versions
 from semgraph.errors import InputError, SemgraphError
 from semgraph.progress import Report
+
+_ONE_VERSION: Final = "for figures of one alone run the study in another --output"
 
 Told = Callable[[str], None]
 Watch = Callable[[int], AbstractContextManager[Report]]
@@ -47,6 +51,8 @@ def run_study(
                 _run(store, waiting, how, report)
         outcomes = _in_order(store.outcomes, plan.trials)
         write_tables(folder, outcomes)
+    for mixed in mixed_versions(outcomes):
+        tell(f"trials were measured with several versions of {mixed}; {_ONE_VERSION}")
     return outcomes
 
 

@@ -146,7 +146,9 @@ def parse_seeds(text: str) -> range:
     if match is None:
         raise InputError(f"expected seeds as in 1-100, got {text[:40]!r}")
     seeds = range(int(match[1]), int(match[2] or match[1]) + 1)
-    if not 1 <= len(seeds) <= MAX_SEEDS:
+    if not seeds:
+        raise InputError(f"expected the smaller seed first, as in 1-100, got {text}")
+    if len(seeds) > MAX_SEEDS:
         raise InputError(f"expected 1 to {MAX_SEEDS} seeds, got {text}")
     return seeds
 
@@ -163,10 +165,20 @@ def _parsed(path: Path) -> Study:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{path}: expected a study in TOML: {error}") from error
     except ValidationError as error:
-        raise InputError(f"{path}: {first_fault(error)}") from error
+        raise InputError(f"{path}: {_unknown_key(error) or first_fault(error)}") from error
     for text in (study.seeds, *(each.seeds for each in study.condition)):
         _check_seeds(path, text)
     return study
+
+
+def _unknown_key(error: ValidationError) -> str | None:
+    """What to write instead of the first unknown key; a key that is missing may be that one."""
+    for fault in error.errors(include_url=False, include_context=False, include_input=False):
+        if fault["type"] == "extra_forbidden":
+            *place, key = map(str, fault["loc"])
+            names = (Condition if place else Study).model_fields
+            return f"{' '.join([*place, key])}: unknown key, {known_names(key, names)}"
+    return None
 
 
 def _check_seeds(path: Path, text: str | None) -> None:

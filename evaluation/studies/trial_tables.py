@@ -14,6 +14,9 @@ from semgraph.errors import SemgraphError
 TRIALS_CSV: Final = "trials.csv"
 TRIALS_PARQUET: Final = "trials.parquet"
 
+# Spreadsheets take a text that begins so for a formula, and run it.
+_FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
+
 _Cell = str | int | float | None
 
 
@@ -57,6 +60,11 @@ def write_files(folder: Path, writers: dict[str, Callable[[Path], None]]) -> Non
             path.unlink(missing_ok=True)
 
 
+def csv_cell(cell: _Cell) -> _Cell:
+    """The cell, with an apostrophe before a text that a spreadsheet would run."""
+    return f"'{cell}" if isinstance(cell, str) and cell.startswith(_FORMULA) else cell
+
+
 def _columns(outcomes: Sequence[Outcome]) -> dict[str, list[_Cell]]:
     """Each column's cells; a metric that a trial lacks is None."""
     columns: dict[str, list[_Cell]] = {
@@ -88,8 +96,8 @@ def _assignments(pairs: Sequence[tuple[str, str]]) -> str:
 def _write_csv(path: Path, columns: dict[str, list[_Cell]]) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
+    writer.writerow(map(csv_cell, columns))
+    writer.writerows(map(csv_cell, row) for row in zip(*columns.values(), strict=True))
     path.write_text(text.getvalue(), encoding="utf-8")
 
 

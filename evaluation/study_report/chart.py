@@ -12,6 +12,7 @@ from semgraph.arrays import BoolArray, FloatArray
 
 WIDTH: Final = 460
 _MOST_LETTERS: Final = 26
+_LINE: Final = 13.0
 _TOP, _RIGHT, _BOTTOM = 10.0, 14.0, 44.0
 
 
@@ -20,16 +21,19 @@ class Chart:
     """Axes to draw on, in pixels of its own that the page stretches.
 
     Attributes:
-        left: room for the labels at the left.
-        rows: names instead of a scale at the left, from the top.
+        left: room for the labels at the left; 0 for as much as they need.
+        rows: names of one or two lines instead of a scale at the left, from the top.
     """
 
     x: Scale
     y: Scale
     height: float = 300.0
-    left: float = 56.0
-    rows: Sequence[str] = ()
+    left: float = 0.0
+    rows: Sequence[tuple[str, ...]] = ()
     drawn: list[Markup] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.left = self.left or _room_left(self.y)
 
     def place_x(self, values: FloatArray | float) -> FloatArray:
         """Pixels from the left."""
@@ -133,7 +137,9 @@ class Chart:
             words.append(_word(px, bottom + 16.0, tick_text(tick), "middle"))
         for place, name in self._names():
             grid += f"M{self.left:g} {place:.1f}H{WIDTH - _RIGHT:g}"
-            words.append(_word(self.left - 7.0, place + 4.0, name, "end"))
+            first = place + 4.0 - 0.5 * _LINE * (len(name) - 1)
+            for number, line in enumerate(name):
+                words.append(_word(self.left - 7.0, first + _LINE * number, line, "end"))
         middle = 0.5 * (self.left + WIDTH - _RIGHT)
         words.append(_word(middle, self.height - 8.0, self.x.label, "middle", "label"))
         if self.y.label:
@@ -144,27 +150,27 @@ class Chart:
             words.append(label)
         return joined([element("path", class_="grid", d=grid), *words])
 
-    def _names(self) -> list[tuple[float, str]]:
+    def _names(self) -> list[tuple[float, tuple[str, ...]]]:
         if self.rows:
             last = len(self.rows) - 1
             return [(float(self.place_y(last - row)), name) for row, name in enumerate(self.rows)]
-        return [(float(self.place_y(tick)), tick_text(tick)) for tick in self.y.ticks]
+        return [(float(self.place_y(tick)), (tick_text(tick),)) for tick in self.y.ticks]
 
 
 def rows_chart(names: Sequence[str], x: Scale, row_height: float = 27.0) -> Chart:
     """A chart with a row for each name; the first, at the top, is row len(names) - 1."""
     height = _TOP + _BOTTOM + row_height * len(names)
-    shown = tuple(_shortened(name) for name in names)
-    left = 16.0 + 7.6 * max((len(name) for name in shown), default=0)
+    shown = tuple(_lines(name) for name in _without_what_all_begin_with(names))
+    left = 16.0 + 7.6 * max((len(line) for name in shown for line in name), default=0)
     return Chart(x, Scale(-0.5, len(names) - 0.5), height, left, rows=shown)
 
 
 def map_chart(points: FloatArray) -> Chart:
     """A chart of a plane in metres, as long as it is wide on both axes."""
     low, high = points.min(axis=0), points.max(axis=0)
-    room = 0.04 * float((high - low).max()) or 1.0
+    room = 0.04 * float((high - low).max()) or max(1.0, 0.04 * float(np.abs(points).max()))
     low, high = low - room, high + room
-    left = 56.0
+    left = _room_left(Scale(float(low[1]), float(high[1])))
     width_m, height_m = high - low
     height = (WIDTH - left - _RIGHT) * height_m / width_m
     if height > 460.0:
@@ -179,12 +185,30 @@ def map_chart(points: FloatArray) -> Chart:
     )
 
 
+def _room_left(y: Scale) -> float:
+    """Pixels for the ticks' words and the turned label beside them."""
+    return max(56.0, 28.0 + 7.4 * max((len(tick_text(tick)) for tick in y.ticks), default=0))
+
+
+def _without_what_all_begin_with(names: Sequence[str]) -> list[str]:
+    """Names of conditions, without the part before a comma that says nothing between them."""
+    firsts = {name.partition(", ")[0] for name in names}
+    rests = [name.partition(", ")[2] for name in names]
+    return rests if len(firsts) == 1 and len(names) > 1 and all(rests) else list(names)
+
+
+def _lines(name: str) -> tuple[str, ...]:
+    """One line, or two of what is too long; of what is longer yet their ends."""
+    words = name.split(" ")
+    if len(name) <= _MOST_LETTERS or len(words) == 1:
+        return (_shortened(name),)
+    both = [(" ".join(words[:k]), " ".join(words[k:])) for k in range(1, len(words))]
+    return tuple(map(_shortened, min(both, key=lambda lines: max(map(len, lines)))))
+
+
 def _shortened(name: str) -> str:
-    """The last words of what is too long: conditions differ there."""
-    if len(name) <= _MOST_LETTERS:
-        return name
-    end = name[1 - _MOST_LETTERS :]
-    return f"…{end.partition(' ')[2] or end}"
+    """The last letters of what is too long: conditions differ there."""
+    return name if len(name) <= _MOST_LETTERS else f"…{name[1 - _MOST_LETTERS :]}"
 
 
 def _begins(known: BoolArray) -> BoolArray:

@@ -22,6 +22,7 @@ CPU: Final = Metric("cpu_s", np.nan, "s", Direction.LOWER)
 # What a reader asks first, in this order; the rest is in the tables.
 _HEADLINES: Final = (
     PATH_ERROR,
+    "online_trajectory_rmse_m",
     "heading_rmse_deg",
     "map_rmse_m",
     "map_recall",
@@ -31,6 +32,7 @@ _HEADLINES: Final = (
 )
 _WORDS: Final = {
     "trajectory_rmse": "path error (ATE RMSE)",
+    "online_trajectory_rmse": "path error as told at the time",
     "heading_rmse": "heading error (RMSE)",
     "map_rmse": "landmark error (RMSE)",
     "landmarks_duplicate": "landmarks mapped twice",
@@ -89,10 +91,10 @@ class Contents:
 
     @property
     def headlines(self) -> tuple[Metric, ...]:
-        """What is judged first, at most seven."""
+        """What is judged first, at most eight."""
         metrics = self.metrics
         judged = [each for each in metrics.values() if each.better is not Direction.NEITHER]
-        return tuple([each for each in judged if each.name in _HEADLINES] or judged)[:7]
+        return tuple([each for each in judged if each.name in _HEADLINES] or judged)[:8]
 
     @property
     def primary(self) -> Metric | None:
@@ -171,7 +173,8 @@ def words_of(metric: Metric | Summary | Difference) -> str:
     """A metric's name in words, without its unit."""
     name = metric.name if isinstance(metric, Metric) else metric.metric
     if metric.unit:
-        name = name.removesuffix("_" + metric.unit.replace("/", "_").replace("%", "percent"))
+        unit = metric.unit.replace("/", "_").replace("%", "percent").lower()
+        name = name.removesuffix("_" + unit)
     return _WORDS.get(name) or " ".join(_SPELLED.get(word, word) for word in name.split("_"))
 
 

@@ -124,7 +124,8 @@ def cost_over_accuracy(contents: Contents, condition: str, metric: Metric) -> Ma
     if not found:
         return None
     x = scale_of(np.array([cost for _, cost, _ in found]), "CPU time (s)", logarithmic=True)
-    x = Scale(x.low, x.high * (x.high / x.low) ** 0.25, x.label, x.logarithmic)
+    names_room = (x.high / x.low) ** 0.25 if x.logarithmic else 1.25
+    x = Scale(x.low, x.high * names_room, x.label, x.logarithmic)
     y = _scale(metric, np.array([error for *_, error in found]).ravel())
     chart = Chart(x, y)
     for _, cost, error in found:

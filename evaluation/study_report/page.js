@@ -63,8 +63,9 @@
     const room = 0.05 * (y1 - y0) || 0.5 * Math.abs(y1) || 1;
     y1 += room; y0 = zero ? Math.min(0, y0) : y0 - room;
     if (!equal) x0 = Math.min(0, x0);
-    if (!(x1 > x0)) x1 = x0 + 1;
-    const W = 460, L = 56, R = 14, T = 10, B = 44, w = W - L - R;
+    if (!(x1 > x0)) x1 = x0 + (Math.abs(x0) || 1);
+    const upright = ticks(y0, y1, log && y1 - y0 > 1.5 ? 1 : 0), shown = upright.map((y) => three(log ? 10 ** y : y));
+    const W = 460, L = Math.max(56, 28 + 7.4 * Math.max(0, ...shown.map((s) => s.length))), R = 14, T = 10, B = 44, w = W - L - R;
     let h = 220;
     if (equal) {
       const xr = 0.04 * (x1 - x0); x0 -= xr; x1 += xr;
@@ -82,10 +83,10 @@
       grid += `M${px(tick).toFixed(1)} ${T}v${h}`;
       word(px(tick), T + h + 16, three(tick), "middle");
     }
-    for (const tick of ticks(y0, y1, log && y1 - y0 > 1.5 ? 1 : 0)) {
+    upright.forEach((tick, k) => {
       grid += `M${L} ${py(tick).toFixed(1)}h${w}`;
-      word(L - 7, py(tick) + 4, three(log ? 10 ** tick : tick), "end");
-    }
+      word(L - 7, py(tick) + 4, shown[k], "end");
+    });
     svg.append(make("path", { class: "grid", d: grid }));
     word(L + w / 2, T + h + B - 8, xlabel, "middle", "label");
     svg.append(make("text", { class: "label", "text-anchor": "middle",

@@ -30,9 +30,12 @@ _TERMS: Final = (
     ("interval", "95 % percentile bootstrap over the seeds; none below six seeds"),
     ("difference", "of two estimators on the same measurements; seeds that lack one are left out"),
     ("better", "Wilcoxon's signed ranks, two-sided, p below 0.05 after Holm over all differences "
-     "in that metric in the study; else no difference can be shown, which is not the same as "
-     "there being none"),
+     "in that metric in the study, and an interval that is not on both sides of 0; else no "
+     "difference can be shown, which is not the same as there being none"),
     ("path error", "ATE: the estimated path laid rigidly onto the true one, RMSE of the distance"),
+    ("path error as told at the time", "of each pose as it was told before the next measurement: "
+     "graphs (smoothed, plain-isam2) correct earlier poses later, which counts in the path error; "
+     "filters do not, and both of theirs are the same"),
     ("drift", "the largest distance with the first pose laid onto the first true one"),
     ("landmark error", "the map laid rigidly onto the true one, RMSE of the distance"),
     ("NEES", "squared error of a pose in units of its own covariance; its degrees of freedom are "

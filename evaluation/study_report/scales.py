@@ -13,6 +13,8 @@ UNKNOWN: Final = "\N{EN DASH}"
 _STEPS = (1.0, 2.0, 5.0, 10.0)
 _MAX_TICKS = 6
 _SMALLEST_SHARE = 1e-9
+# Nearer to 0 is 0: powers of ten and ratios of what is larger are finite.
+_SMALLEST: Final = 1e-100
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +50,7 @@ def scale_of(
 
     A logarithmic one needs values above zero, and is even where it holds none.
     """
-    kept = values[np.isfinite(values) & ((values > 0.0) | (not logarithmic))]
+    kept = values[np.isfinite(values) & ((values > _SMALLEST) | (not logarithmic))]
     if not len(kept):
         return Scale(0.0, 1.0, label)
     low, high = float(kept.min()), float(kept.max())
@@ -56,7 +58,7 @@ def scale_of(
         room = max((high / low) ** 0.06, 1.15)
         return Scale(low / room, high * room, label, logarithmic=True)
     room = 0.05 * (high - low) or 0.5 * abs(high) or 1.0
-    return Scale(0.0 if from_zero else low - room, high + room, label)
+    return Scale(min(low, 0.0) if from_zero else low - room, high + room, label)
 
 
 def figure_text(value: float) -> str:

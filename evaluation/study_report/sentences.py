@@ -5,6 +5,7 @@ from typing import Final
 
 from evaluation.metrics import Direction, Metric
 from evaluation.studies.comparison import CONFIDENCE, MIN_FOR_INTERVAL, Summary, winner
+from evaluation.studies.versions import mixed_versions
 from evaluation.study_report.contents import (
     TOLD_MORE,
     Contents,
@@ -83,6 +84,10 @@ def _extent(contents: Contents) -> list[str]:
     if num < contents.num_planned:
         missing = f"The study is not finished: {contents.num_planned - num} trials have not run. "
         parts.append(element("strong", missing))
+    mixed = mixed_versions(contents.outcomes)
+    if mixed:
+        words = f"The trials were measured with several versions of {'; of '.join(mixed)}. "
+        parts += [element("strong", words), "Differences may be theirs. "]
     if not num_failed:
         return [*parts, "All that ran finished."]
     by_kind = Counter((each.trial.estimator, each.status.value) for each in contents.failed)
@@ -199,7 +204,8 @@ def _leaders(contents: Contents, condition: str, metric: Metric) -> str:
     value = valued(best.median, best.unit)
     behind = next((each for each in ranked if each.estimator not in tied), None)
     if len(tied) == len(ranked):
-        ends = span(best.median, ranked[-1].median)
+        medians = [each.median for each in ranked]
+        ends = span(min(medians), max(medians))
         words = f"(medians {ends} {best.unit}".rstrip()
         return f"{where}between {listed(tied)} no difference can be shown {words})"
     first = (

@@ -25,7 +25,7 @@ def table(caption: str, columns: list[str], rows: list[list[str]]) -> Markup:
     ]
     whole = element(
         "table",
-        element("caption", caption),
+        element("caption", element("span", caption)),
         element("thead", head),
         element("tbody", *body),
     )

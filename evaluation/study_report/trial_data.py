@@ -9,6 +9,7 @@ import numpy as np
 
 from evaluation.studies.trial import Drawing, Outcome, Series
 from evaluation.study_report.contents import Contents, words_of
+from evaluation.study_report.time_figures import LEAST_NEES
 from semgraph.arrays import FloatArray
 
 _STRIDES: Final = (1, 2, 3, 4, 6, 8)
@@ -26,7 +27,10 @@ def trial_data(contents: Contents, most_bytes: int) -> str:
         pairs = _pairs(contents, stride)
         if sum(len(pair["data"]) for pair in pairs) <= most_bytes:
             break
-    metrics = [[words_of(each), each.unit, each.better.value] for each in contents.metrics.values()]
+    metrics = [
+        [words_of(each), each.unit, contents.nearest_to(each)[2:] or each.better.value]
+        for each in contents.metrics.values()
+    ]
     whole = {"again": contents.one_again, "metrics": metrics, "pairs": pairs}
     # Within <script>, only "<" could end the element.
     return json.dumps(whole, separators=(",", ":")).replace("<", "\\u003c")
@@ -82,12 +86,15 @@ def _trial(outcome: Outcome, metrics: list[str], stride: int) -> dict[str, Any]:
 
 
 def _series(series: Series, stride: int) -> dict[str, Any]:
-    """The largest error of each stretch of `stride` samples, as the series has them already."""
+    """The largest error of each stretch of `stride` samples, as the series has them already.
+
+    Of NEES it is the last: honest ones are about their degrees of freedom, the largest are not.
+    """
     return {
-        "t": _steps(series.times_s[stride - 1 :: stride] if stride > 1 else series.times_s),
+        "t": _steps(series.times_s[stride - 1 :: stride]),
         "p": _steps(_largest(series.position_errors_m, stride)),
         "h": _steps(_largest(series.heading_errors_deg, stride)),
-        "n": _steps(_logs(_largest(series.nees, stride))),
+        "n": _steps(_logs(series.nees[stride - 1 :: stride])),
     }
 
 
@@ -98,9 +105,9 @@ def _largest(values: FloatArray, stride: int) -> FloatArray:
     return np.where(np.isneginf(filled), np.nan, filled)
 
 
-def _logs(values: FloatArray) -> FloatArray:
-    """log10; NaN of what is not above zero."""
-    return np.log10(np.where(values > 0.0, values, np.nan))
+def _logs(nees: FloatArray) -> FloatArray:
+    """log10; what cannot be told from 0 is drawn at `LEAST_NEES`."""
+    return np.log10(np.maximum(nees, LEAST_NEES))
 
 
 def _points(points: FloatArray) -> list[Any]:

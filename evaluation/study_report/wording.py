@@ -36,7 +36,7 @@ def size_of(difference: Difference) -> str:
     """How large the median difference is, with its interval, without its sign."""
     ends = sorted((abs(difference.low), abs(difference.high)))
     value = valued(abs(difference.median), difference.unit)
-    if not np.isfinite(ends).all() or difference.low * difference.high < 0.0:
+    if not np.isfinite(ends).all():
         return value
     return f"{value} ({span(*ends)})"
 

@@ -38,7 +38,9 @@ def seeds(text: str) -> range:
     if match is None:
         raise argparse.ArgumentTypeError(f"expected seeds as in 101-124, got {text!r}")
     found = range(int(match[1]), int(match[2] or match[1]) + 1)
-    if not 1 <= len(found) <= _MAX_SEEDS:
+    if not found:
+        raise argparse.ArgumentTypeError(f"expected the smaller seed first, got {text}")
+    if len(found) > _MAX_SEEDS:
         raise argparse.ArgumentTypeError(f"expected 1 to {_MAX_SEEDS} seeds, got {text}")
     return found
 

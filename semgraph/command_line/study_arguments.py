@@ -96,7 +96,11 @@ def call_study(parsed: argparse.Namespace) -> None:
     from evaluation.studies.execution import Execution, Tls
     from evaluation.studies.trial_process import Limits
     from semgraph.command_line.study_command import StudyRequest, study
+    from semgraph.errors import InputError
 
+    tls = Tls(parsed.tls_ca, parsed.tls_cert, parsed.tls_key)
+    if parsed.scheduler is None and tls != Tls():
+        raise InputError("--tls-ca, --tls-cert, --tls-key: expected --scheduler with them")
     study(
         StudyRequest(
             parsed.study,
@@ -108,7 +112,7 @@ def call_study(parsed: argparse.Namespace) -> None:
             Execution(
                 os.cpu_count() or 1 if parsed.workers is None else parsed.workers,
                 parsed.scheduler,
-                Tls(parsed.tls_ca, parsed.tls_cert, parsed.tls_key),
+                tls,
                 Limits(parsed.trial_timeout, int(parsed.trial_memory * 2**30)),
             ),
         )

@@ -16,7 +16,7 @@ from sensors.simulation.courses.perceived_trees import (
     Stand,
     source_of_perceptions,
 )
-from sensors.simulation.courses.planting import apart, trunk_diameters_m
+from sensors.simulation.courses.planting import BORDER_M, apart, most_that_fit, trunk_diameters_m
 from sensors.truth import Source
 
 _ROWS_M: Final = (4.0, 3.0)
@@ -24,6 +24,7 @@ _PLANTING_SIGMA_M: Final = 0.1
 _ORCHARD_TRUNK_M: Final = 0.15
 _ORCHARD_LOG_SIGMA: Final = 0.1
 _KEPT_FREE_M: Final = 1.5
+_NUM_ROUNDS: Final = 200
 
 
 class CourseOptions(PerceivedOptions):
@@ -56,7 +57,8 @@ def read(name: str, options: CourseOptions) -> Source:
 def _plant(options: CourseOptions, rng: np.random.Generator) -> Stand:
     """Trees evenly in the band around the track, apart from each other, the track kept free."""
     trees: FloatArray = np.zeros((0, 2))
-    for _ in range(200):
+    may_fit = options.num_trees <= most_that_fit(_area_m2(options))
+    for _ in range(_NUM_ROUNDS if may_fit else 0):
         missing = options.num_trees - len(trees)
         if missing == 0:
             return Stand(trees, trunk_diameters_m(len(trees), rng))
@@ -77,6 +79,13 @@ def _orchard(options: CourseOptions, rng: np.random.Generator) -> Stand:
     trees = trees[(away_m > _KEPT_FREE_M) & (away_m <= options.band_m)]
     log_sizes = _ORCHARD_LOG_SIGMA * rng.standard_normal(len(trees))
     return Stand(trees, _ORCHARD_TRUNK_M * np.exp(log_sizes))
+
+
+def _area_m2(options: CourseOptions) -> float:
+    """Of the band with a border; the track that is kept free counts too."""
+    inner = max(options.track_radius_m - options.band_m - BORDER_M, 0.0)
+    outer = options.track_radius_m + options.band_m + BORDER_M
+    return float(np.pi * (outer**2 - inner**2))
 
 
 def _scatter(options: CourseOptions, count: int, rng: np.random.Generator) -> FloatArray:

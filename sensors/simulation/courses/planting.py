@@ -10,6 +10,7 @@ _TRUNK_MEDIAN_M: Final = 0.28
 _TRUNK_LOG_SIGMA: Final = 0.35
 _TRUNKS_M: Final = (0.08, 0.75)
 _LEAST_SPACING_M: Final = 0.8
+BORDER_M: Final = 0.5 * _LEAST_SPACING_M
 
 
 def apart(trees: FloatArray) -> FloatArray:
@@ -20,6 +21,15 @@ def apart(trees: FloatArray) -> FloatArray:
     kept = np.ones(len(trees), dtype=np.bool_)
     kept[pairs.max(axis=1)] = False
     return trees[kept]
+
+
+def most_that_fit(area_m2: float) -> int:
+    """How many trees no area can hold more of: each has a circle of half the least spacing alone.
+
+    Args:
+        area_m2: of the area with `BORDER_M` around it.
+    """
+    return int(area_m2 / (np.pi * BORDER_M**2))
 
 
 def trunk_diameters_m(count: int, rng: np.random.Generator) -> FloatArray:

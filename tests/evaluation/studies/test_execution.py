@@ -201,3 +201,9 @@ def test_a_scheduler_that_is_not_there_is_said_soon(
     monkeypatch.setattr(execution, "_PATIENCE_S", 1.0)
     with pytest.raises(SemgraphError, match=f"{address}: the scheduler cannot be reached"):
         list(outcome_lines(PLAN.trials, Execution(scheduler=address, measure=MEASURE)))
+
+
+def test_a_certificate_that_is_not_there_is_named(tmp_path: Path) -> None:
+    how = Execution(scheduler="tls://127.0.0.1:9", tls=Tls(tmp_path / "ca.pem"), measure=MEASURE)
+    with pytest.raises(SemgraphError, match=r"ca\.pem: expected a file in PEM"):
+        list(outcome_lines(PLAN.trials, how))

@@ -5,15 +5,18 @@ import signal
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 from pyarrow import parquet
 
 from evaluation.studies.execution import Execution
+from evaluation.studies.outcome_lines import outcome_line
 from evaluation.studies.running import endings, read_run, run_study
-from evaluation.studies.store import TRIALS_JSONL, read_outcomes
+from evaluation.studies.store import TRIALS_JSONL, opened_store, read_outcomes
 from evaluation.studies.study_file import Plan
 from evaluation.studies.trial import Outcome, Status
 from evaluation.studies.trial_tables import TRIALS_CSV, TRIALS_PARQUET, write_tables
@@ -115,3 +118,24 @@ def test_tables_are_both_there_or_none(tmp_path: Path) -> None:
     with no_file_above(1000), pytest.raises(SemgraphError, match=r"trials.csv and .* File too"):
         write_tables(tmp_path, outcomes)
     assert not list(tmp_path.iterdir())
+
+
+def test_what_a_spreadsheet_would_run_is_text_in_csv_alone(tmp_path: Path) -> None:
+    write_tables(tmp_path, [measure(trial(condition="=1+1"))])
+    with (tmp_path / TRIALS_CSV).open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert row["condition"] == "'=1+1"
+    columns = parquet.read_table(tmp_path / TRIALS_PARQUET).to_pydict()
+    assert columns["condition"] == ["=1+1"]
+
+
+def test_several_versions_in_one_folder_are_told(tmp_path: Path) -> None:
+    asked = plan(3)
+    with opened_store(tmp_path) as store:
+        earlier = replace(measure(asked.trials[0]), versions=(("numpy", "1.0"),))
+        store.append(outcome_line(earlier))
+    _, told = run(tmp_path, asked)
+    (words,) = [each for each in told if "several versions" in each]
+    assert f"numpy 1.0 (1), {np.__version__} (2); " in words
+    _, told = run(tmp_path / "new", asked)
+    assert not [each for each in told if "several versions" in each]

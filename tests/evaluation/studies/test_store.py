@@ -4,6 +4,7 @@ import json
 import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -196,3 +197,30 @@ def test_a_folder_that_cannot_be_one_is_said(tmp_path: Path) -> None:
         pass
     with pytest.raises(InputError, match="expected the folder of a study"):
         read_outcomes(tmp_path)
+
+
+def test_a_reason_with_a_files_odd_bytes_is_stored_as_text(tmp_path: Path) -> None:
+    outcome = Outcome(trial(), Status.FAILED, "no file \udcff.csv")
+    with opened_store(tmp_path) as store:
+        assert store.append(outcome_line(outcome)).reason == r"no file \udcff.csv"
+
+
+def test_what_is_as_good_as_infinite_is_unknown_and_never_read(tmp_path: Path) -> None:
+    good = measure(trial())
+    series, drawing = good.series, good.drawing
+    assert series is not None
+    assert drawing is not None
+    huge = replace(
+        good,
+        metrics=(replace(good.metrics[0], value=1e308),),
+        series=replace(series, position_errors_m=np.full(5, 1e308)),
+        drawing=replace(drawing, estimated_path=np.full((5, 2), -1e308)),
+    )
+    with opened_store(tmp_path) as store:
+        kept = store.append(outcome_line(huge))
+        assert np.isnan(kept.metrics[0].value)
+        assert kept.series is not None
+        assert kept.series.position_errors_m.max() == 1e100
+        with pytest.raises(InputError, match="less than or equal"):
+            store.append(changed(metrics=[{"name": "a", "value": 1e101, "unit": "",
+                                           "better": "lower"}]))  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from evaluation.metrics import Metric
-from evaluation.studies.trial import Outcome
+from evaluation.studies.trial import Drawing, Outcome, Series
 from evaluation.study_report.page import page
 from tests.evaluation.study_report import made
 
@@ -150,6 +150,25 @@ def test_values_that_are_not_finite_are_left_out() -> None:
     broken = tuple(replace(each, value=np.inf) for each in first.metrics)
     text = page(made.contents((replace(first, metrics=broken), *outcomes[1:])))
     assert "no value" in text
+
+
+@pytest.mark.parametrize("value", [1e100, -1e100, 1e-320])
+def test_the_largest_and_smallest_numbers_a_file_may_hold_have_a_page(value: float) -> None:
+    outcomes = []
+    for each in made.outcomes(2):
+        assert each.series is not None
+        assert each.drawing is not None
+        times_s, points = each.series.times_s, np.full((5, 2), value)
+        everywhere = np.full(len(times_s), value)
+        outcomes.append(
+            replace(
+                each,
+                metrics=tuple(replace(metric, value=value) for metric in each.metrics),
+                series=Series(times_s, everywhere, everywhere, everywhere),
+                drawing=Drawing(points, points, points, points),
+            )
+        )
+    assert "<h1>" in page(made.contents(tuple(outcomes)))
 
 
 def test_degrees_of_freedom_are_each_conditions_own() -> None:

@@ -52,6 +52,32 @@ def test_failures_are_told_first() -> None:
     assert "1 did not finish: 1 of bad (out of memory)" in told.split("lowest")[0]
 
 
+def test_several_versions_are_told_before_anything_is_compared() -> None:
+    outcomes = _outcomes({"good": 0.01, "bad": 0.03}, num_seeds=10)
+    older = tuple(replace(each, versions=(("numpy", "1.0"),)) for each in outcomes[:3])
+    newer = tuple(replace(each, versions=(("numpy", "2.0"),)) for each in outcomes[3:])
+    told = _told((*older, *newer)).split("lowest")[0]
+    assert "with several versions of numpy 1.0 (3), 2.0 (17)." in told
+    assert "several versions" not in _told(newer)
+
+
+def test_of_those_alike_the_medians_span_from_the_smallest_to_the_largest() -> None:
+    metrics = (
+        Metric("trajectory_rmse_m", 1.0, "m", Direction.LOWER),
+        Metric("nees_mean", 0.0, "", Direction.EXPECTED, 3.0),
+    )
+    outcomes = [
+        Outcome(
+            Trial("s", "calm", "none", (), (), name, seed),
+            Status.FINISHED,
+            metrics=(metrics[0], replace(metrics[1], value=value)),
+        )
+        for name, value in (("near", 3.31), ("under", 2.51), ("over", 3.48))
+        for seed in range(3)
+    ]
+    assert "(medians 2.51 to 3.48)" in _told(tuple(outcomes))
+
+
 def test_an_unfinished_study_says_so() -> None:
     contents = made.contents(_outcomes({"good": 0.01, "bad": 0.03}, num_seeds=10))
     told = " ".join(summary(replace(contents, num_planned=25)))

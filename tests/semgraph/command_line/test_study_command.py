@@ -73,6 +73,8 @@ def test_a_study_runs_goes_on_and_ends_with_its_report(
     ("arguments", "status", "reason"),
     [
         (["study", "papr"], 1, "did you mean 'paper'"),
+        (["study", "paper", "--seeds", "5-1"], 2, "expected the smaller seed first"),
+        (["study", "paper", "--tls-ca", "ca.pem"], 1, "expected --scheduler with them"),
         (["study", "paper", "--trial", "zz"], 1, "0 begin so"),
         (["study", "paper", "--workers", "2", "--scheduler", "tcp://h:1"], 2, "not allowed with"),
         (["study", "paper", "--workers", "-1"], 2, "--workers"),

@@ -1,3 +1,4 @@
+import time
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +11,7 @@ from semgraph.geometry import Pose2, relative_poses, wrap_angle
 from semgraph.landmarks import Kind, Perceptions
 from sensors.measurements import WheelOdometry
 from sensors.simulation.courses.perceptions import CourseOptions, read
+from sensors.simulation.courses.planting import BORDER_M, apart, most_that_fit
 from sensors.truth import Source, TrueLandmarks, TruePath
 
 DEFAULT = CourseOptions.model_validate({"lap_s": 12.0, "overlap_s": 2.0})
@@ -274,3 +276,18 @@ def test_an_orchard_stands_in_rows_of_alike_trees() -> None:
         assert np.abs(off_m - 0.5 * spacing_m).max() < 0.6
     assert np.std(np.log(true.diameters_m)) < 0.15
     assert np.abs(np.hypot(*true.world_t_landmarks.T) - DEFAULT.track_radius_m).min() > 1.5
+
+
+def test_far_too_many_trees_are_refused_before_any_is_planted() -> None:
+    before = time.process_time()
+    with pytest.raises(InputError, match="num_trees"):
+        read("course:perceptions", DEFAULT.model_copy(update={"num_trees": 200_000}))
+    assert time.process_time() - before < 1.0
+
+
+def test_no_planting_is_closer_than_what_is_refused_at_once() -> None:
+    side, spacing_m = 40, 2.0 * BORDER_M * (1.0 + 1e-9)
+    x, y = np.meshgrid(np.arange(side), np.arange(side))
+    closest = spacing_m * np.column_stack([(x + 0.5 * (y % 2)).ravel(), 0.5 * 3**0.5 * y.ravel()])
+    assert len(apart(closest)) == side**2
+    assert most_that_fit(float(np.prod(np.ptp(closest, axis=0) + 2.0 * BORDER_M))) >= side**2
