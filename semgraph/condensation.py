@@ -95,9 +95,13 @@ def condense(stretch: Stretch) -> Condensed:
     )
 
 
-def follow(map_T_first: FloatArray, condensed: Condensed) -> FloatArray:
-    """(m - 1, 3) the poses given up, from where the first is now."""
+def follow(
+    map_T_first: FloatArray, condensed: Condensed, which: IntArray | None = None
+) -> FloatArray:
+    """(k, 3) the poses given up, or which of them, from where the first is now."""
     between = condensed.first_T_between.astype(np.float64)
+    if which is not None:
+        between = between[which]
     return _moved(np.repeat(map_T_first[None], len(between), axis=0), between)
 
 
