@@ -12,6 +12,8 @@ from semgraph.condensation import Condensed, Stretch, condense
 from semgraph.graph_log import GraphLog
 
 NONE: Final = -1
+# So many poses must have followed before a window is condensed.
+_FOLLOWING: Final = 20
 # A motion less sure than this is in no window: what lies behind it is in no Gaussian's reach.
 _SURE_M: Final = 0.5
 _SURE_RAD: Final = 0.1
@@ -79,7 +81,7 @@ class Windows:
         """First and last pose of the next window, if it lies back as far as it is long."""
         if not self._length:
             return None
-        while self._end + 2 * self._length <= last_updated:
+        while self._end + self._length + _FOLLOWING <= last_updated:
             first, last = self._end, self._end
             while last < first + self._length and self._is_sure(last + 1):
                 last += 1
