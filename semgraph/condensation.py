@@ -105,6 +105,18 @@ def follow(
     return _moved(np.repeat(map_T_first[None], len(between), axis=0), between)
 
 
+def whitened_errors(
+    condensed: Condensed, map_T_first: FloatArray, map_T_last: FloatArray, map_t_things: FloatArray
+) -> FloatArray:
+    """(d,) those of `linearized`, which takes thrice as long."""
+    first_t = _inverse_transform(map_T_first, map_t_things)
+    first_T_last = relative_poses(map_T_first[None], map_T_last[None])
+    off = relative_poses(condensed.first_T_last[None], first_T_last)
+    errors = np.concatenate([off[0], (first_t - condensed.first_t_things).ravel()])
+    whitened: FloatArray = condensed.root.astype(np.float64) @ errors
+    return whitened
+
+
 def linearized(
     condensed: Condensed, map_T_first: FloatArray, map_T_last: FloatArray, map_t_things: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -48,7 +48,7 @@ class SmootherSettings(BaseModel):
     closure_odds: float = Field(100.0, gt=1.0)
     duplicate_odds: float = Field(10.0, gt=1.0)
     in_sight_scans: int = Field(10, ge=0)
-    window_scans: int = Field(60, ge=0)
+    window_scans: int = Field(40, ge=0)
 
     def start(self, map_T_start: Pose2) -> UncertainPose2:
         """Where the run starts, as surely as the settings say."""
