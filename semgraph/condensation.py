@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import GraphError
@@ -76,9 +77,10 @@ def condense(stretch: Stretch) -> Condensed:
     information, gradient = information / np.outer(scale, scale), gradient / scale
     inner = 3 * (m - 1)
     try:
-        solved = np.linalg.solve(
-            information[:inner, :inner],
+        solved = solveh_banded(
+            _band(information[:inner, :inner]),
             np.column_stack([information[:inner, inner:], gradient[:inner]]),
+            lower=True,
         )
         kept = information[inner:, inner:] - information[inner:, :inner] @ solved[:, :-1]
         root = np.linalg.cholesky(0.5 * (kept + kept.T)).T
@@ -93,6 +95,14 @@ def condense(stretch: Stretch) -> Condensed:
         (root * scale[inner:]).astype(np.float32),
         _moved(first_T_bases[1:-1], between).astype(np.float32),
     )
+
+
+def _band(of_poses: FloatArray) -> FloatArray:
+    """(6, k) its diagonal and those below: motions join only poses that follow each other."""
+    band = np.zeros((min(6, len(of_poses)), len(of_poses)))
+    for below in range(len(band)):
+        band[below, : len(of_poses) - below] = np.diagonal(of_poses, -below)
+    return band
 
 
 def follow(

@@ -16,8 +16,6 @@ from semgraph.factors import to_gtsam
 from semgraph.geometry import Pose2
 
 _INDEX: Final = (1 << 56) - 1
-_MOVED_M: Final = 0.3
-_TURNED_RAD: Final = 0.05
 _FAILURES: Final = (RuntimeError, ValueError, IndexError)
 
 
@@ -236,23 +234,12 @@ def _new_isam(factorization: str) -> gtsam.ISAM2:
     params = gtsam.ISAM2Params()
     params.setFactorization(factorization)
     params.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(0.01))
-    params.setRelinearizeThreshold(_thresholds())
+    params.setRelinearizeThreshold(0.1)
     # Closures force it; relinearizing less often costs no accuracy, for the end is a batch.
     params.relinearizeSkip = 3
     params.enablePartialRelinearizationCheck = True
     params.findUnusedFactorSlots = True
     return gtsam.ISAM2(params)
-
-
-def _thresholds() -> gtsam.ISAM2ThresholdMap:
-    """From what changes on a variable is linearized again, by the letter of its key.
-
-    Whatever moves as a whole needs it only where it turns.
-    """
-    thresholds = gtsam.ISAM2ThresholdMap()
-    thresholds.insert(("x", np.array([_MOVED_M, _MOVED_M, _TURNED_RAD])))
-    thresholds.insert(("l", np.array([_MOVED_M, _MOVED_M])))
-    return thresholds
 
 
 def _first_line(error: Exception) -> str:
