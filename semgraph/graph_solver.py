@@ -108,7 +108,6 @@ class GraphSolver:
         self.log.add_landmark(landmark)
         self.move(landmark, guess)
         self.isam.insert_landmark(landmark, guess)
-        self.isam.wake_landmark(landmark)
 
     def forget(self, landmark: int) -> None:
         """It is no more."""
@@ -127,7 +126,6 @@ class GraphSolver:
     def add_sighting(self, row: int, sighting: Sighting) -> None:
         """With the next update the sighting of a row of the log is."""
         factor = sighting_factor(sighting, is_firm=row in self.firm)
-        self.isam.wake_landmark(sighting.landmark)
         self.isam.add(factor, self.slots.sightings, row)
 
     def live(self, rows: IntArray) -> list[int]:
@@ -267,8 +265,6 @@ class GraphSolver:
             except UpdateError as error:
                 failure = error
             else:
-                for window in self.windows:
-                    self._rest(window)
                 self._settled()
                 return
         self.isam, self.slots = old
@@ -301,17 +297,6 @@ class GraphSolver:
             self.isam.remove(self.slots.sightings, row)
         window = Window(first, last, rows.astype(np.int32), names[:, 1], names[:, 0], condensed)
         self.windows.add(window)
-        self._rest(window)
-
-    def _rest(self, window: Window) -> None:
-        """What was last sighted in there moves as a whole, which is no reason to linearize again.
-
-        After a closure its whole lane does, by decimetres; that took two seconds.
-        """
-        self.isam.rest_pose(window.first)
-        for landmark in window.landmarks.tolist():
-            if self.log.poses[self.log.rows(landmark)].max() <= window.last:
-                self.isam.rest_landmark(landmark)
 
     def add_windows(self) -> None:
         """Those that are new or changed."""

@@ -61,7 +61,6 @@ class Incremental:
     def __init__(self, factorization: str = "CHOLESKY") -> None:
         self.factorization = factorization
         self._isam = _new_isam(factorization)
-        self._resting, self._are_resting = gtsam.KeyList(), set[int]()
         self.forget_waiting()
 
     def forget_waiting(self) -> None:
@@ -98,43 +97,15 @@ class Incremental:
         """A variable more."""
         self._values.insert(j=L(landmark), point2=guess)
 
-    def rest_pose(self, pose: int) -> None:
-        """It is linearized again only where that is forced."""
-        self._rest(X(pose))
-
-    def rest_landmark(self, landmark: int) -> None:
-        """It is, until it wakes."""
-        self._rest(L(landmark))
-
-    def wake_landmark(self, landmark: int) -> None:
-        """It is linearized again whenever it has moved."""
-        if L(landmark) in self._are_resting:
-            self._are_resting.remove(L(landmark))
-            self._resting.remove(L(landmark))
-
-    def _rest(self, key: int) -> None:
-        if key not in self._are_resting:
-            self._are_resting.add(key)
-            self._resting.push_back(key)
-
     def update(self, *, relinearize: bool = False) -> None:
         """Takes in what waits, which waits on until `forget_waiting`.
-
-        Args:
-            relinearize: force it, also of what rests.
 
         Raises:
             UpdateError: with the reason in a line.
         """
         try:
             result = self._isam.update(
-                self._factors,
-                self._values,
-                self._removed,
-                None,
-                None if relinearize else self._resting,
-                None,
-                relinearize,
+                self._factors, self._values, self._removed, None, None, None, relinearize
             )
         except _FAILURES as error:
             raise UpdateError(_first_line(error)) from error

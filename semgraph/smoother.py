@@ -371,7 +371,7 @@ class Smoother:
         merged = self._merge(closures)
         if not merged:
             return
-        graph.update(relinearize=before is not None)
+        graph.update(relinearize=True)
         if before is not None:
             graph.settle()
             merges = [(each.old, self._registry.merges(each.old)[-1]) for each in merged]
