@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import GraphError
@@ -76,9 +77,10 @@ def condense(stretch: Stretch) -> Condensed:
     information, gradient = information / np.outer(scale, scale), gradient / scale
     inner = 3 * (m - 1)
     try:
-        solved = np.linalg.solve(
-            information[:inner, :inner],
+        solved = solveh_banded(
+            _band(information[:inner, :inner]),
             np.column_stack([information[:inner, inner:], gradient[:inner]]),
+            lower=True,
         )
         kept = information[inner:, inner:] - information[inner:, :inner] @ solved[:, :-1]
         root = np.linalg.cholesky(0.5 * (kept + kept.T)).T
@@ -95,10 +97,34 @@ def condense(stretch: Stretch) -> Condensed:
     )
 
 
-def follow(map_T_first: FloatArray, condensed: Condensed) -> FloatArray:
-    """(m - 1, 3) the poses given up, from where the first is now."""
+def _band(of_poses: FloatArray) -> FloatArray:
+    """(6, k) its diagonal and those below: motions join only poses that follow each other."""
+    band = np.zeros((min(6, len(of_poses)), len(of_poses)))
+    for below in range(len(band)):
+        band[below, : len(of_poses) - below] = np.diagonal(of_poses, -below)
+    return band
+
+
+def follow(
+    map_T_first: FloatArray, condensed: Condensed, which: IntArray | None = None
+) -> FloatArray:
+    """(k, 3) the poses given up, or which of them, from where the first is now."""
     between = condensed.first_T_between.astype(np.float64)
+    if which is not None:
+        between = between[which]
     return _moved(np.repeat(map_T_first[None], len(between), axis=0), between)
+
+
+def whitened_errors(
+    condensed: Condensed, map_T_first: FloatArray, map_T_last: FloatArray, map_t_things: FloatArray
+) -> FloatArray:
+    """(d,) those of `linearized`, which takes thrice as long."""
+    first_t = _inverse_transform(map_T_first, map_t_things)
+    first_T_last = relative_poses(map_T_first[None], map_T_last[None])
+    off = relative_poses(condensed.first_T_last[None], first_T_last)
+    errors = np.concatenate([off[0], (first_t - condensed.first_t_things).ravel()])
+    whitened: FloatArray = condensed.root.astype(np.float64) @ errors
+    return whitened
 
 
 def linearized(

@@ -1,6 +1,5 @@
 """Whether a landmark is two things after all: its sightings weighed in two groups, each its own."""
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -8,7 +7,7 @@ import numpy as np
 from semgraph.arrays import FloatArray
 from semgraph.geometry import transform_points
 from semgraph.graph.factor_graph import FactorGraph
-from semgraph.graph.factors import Sighting
+from semgraph.graph.graph_log import Sighted
 from semgraph.landmarks import cartesian, cartesian_jacobians
 from semgraph.measurement_model import mahalanobis2
 
@@ -20,8 +19,8 @@ _COMMON: Final = 0.25
 
 def log_odds_of_one(
     graph: FactorGraph,
-    first: Sequence[Sighting],
-    second: Sequence[Sighting],
+    first: Sighted,
+    second: Sighted,
     outline_m2: float,
     density: float,
 ) -> float:
@@ -43,18 +42,14 @@ def log_odds_of_one(
     return float(log_likelihood - np.log(density))
 
 
-def _place(graph: FactorGraph, sightings: Sequence[Sighting]) -> tuple[FloatArray, FloatArray]:
+def _place(graph: FactorGraph, sightings: Sighted) -> tuple[FloatArray, FloatArray]:
     """(2,) m the weighted mean of sightings in map, and its (2, 2) covariance."""
-    chosen = [
-        sightings[k] for k in np.unique(np.linspace(0, len(sightings) - 1, _MOST).astype(int))
-    ]
-    map_T_bases = np.array([graph.pose(each.pose).as_array() for each in chosen])
-    ranges_m = np.array([each.range_m for each in chosen])
-    bearings = np.array([each.bearing for each in chosen])
+    chosen = sightings.some(np.unique(np.linspace(0, len(sightings) - 1, _MOST).astype(int)))
+    map_T_bases = graph.poses(chosen.poses)
+    ranges_m, bearings = chosen.polar.T
     places = transform_points(map_T_bases, cartesian(ranges_m, bearings))
     jacobians = cartesian_jacobians(ranges_m, bearings + map_T_bases[:, 2])
-    covariances = np.array([each.covariance for each in chosen])
-    weights = np.linalg.inv(jacobians @ covariances @ jacobians.transpose(0, 2, 1))
+    weights = np.linalg.inv(jacobians @ chosen.covariances @ jacobians.transpose(0, 2, 1))
     mean_covariance = np.linalg.inv(weights.sum(axis=0))
     mean = mean_covariance @ np.einsum("nij,nj->i", weights, places)
     return mean, (_COMMON * len(chosen) + 1.0 - _COMMON) * mean_covariance

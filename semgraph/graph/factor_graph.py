@@ -10,6 +10,7 @@ from semgraph.errors import GraphError
 from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
 from semgraph.graph.factors import ROBUST_CHI2, Sighting, check_definite, check_sighting
 from semgraph.graph.graph_covariances import GraphCovariances
+from semgraph.graph.graph_log import Sighted
 from semgraph.graph.graph_solver import JUMP_M, GraphEstimate, GraphSolver
 from semgraph.graph.windows import NONE
 from semgraph.measurement_model import innovations, mahalanobis2, predict
@@ -62,6 +63,10 @@ class FactorGraph:
     def sightings(self, landmark: int) -> Sequence[Sighting]:
         """All sightings of a landmark."""
         return tuple(map(self._solver.log.sighting, self._solver.log.rows(landmark).tolist()))
+
+    def sighted(self, landmark: int) -> Sighted:
+        """The same as arrays."""
+        return self._solver.log.sighted(landmark)
 
     def num_sightings(self, landmark: int) -> int:
         """How many there are of a landmark."""
@@ -251,6 +256,10 @@ class FactorGraph:
         """map_T_base of one pose as of the last update."""
         return self._solver.pose(index)
 
+    def poses(self, indices: IntArray) -> FloatArray:
+        """(n, 3) map_T_base of some poses as of the last update."""
+        return self._solver.poses(indices)
+
     def landmark(self, landmark: int) -> FloatArray:
         """map_t_landmark (2,) as of the last update; of what is newer, the guess."""
         return self._solver.landmark(landmark)
@@ -319,7 +328,8 @@ class FactorGraph:
     def _misfits(self, rows: IntArray, place: FloatArray) -> FloatArray:
         """(k,) chi-squares of sightings, if their landmark were at a place (2,)."""
         log = self._solver.log
-        predicted = np.array([predict(self.pose(k), place[None])[0] for k in log.poses[rows]])
+        poses = map(Pose2.from_array, self.poses(log.poses[rows]))
+        predicted = np.array([predict(pose, place[None])[0] for pose in poses])
         differences = innovations(predicted, *log.polar[rows].T)
         return mahalanobis2(differences, log.covariances(rows))
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import GraphError
 from semgraph.geometry import Pose2, UncertainPose2, frozen_covariance
-from semgraph.graph.condensation import Condensed, linearized
+from semgraph.graph.condensation import Condensed, linearized, whitened_errors
 from semgraph.landmarks import Perceptions
 
 # A sighting within this chi-square is taken as it is, one beyond it ever less (DCS; Agarwal 2013).
@@ -168,18 +168,19 @@ def condensed_factor(
     ) -> NDArray[np.float64]:
         first_pose, last_pose = values.atPose2(keys[0]), values.atPose2(keys[1])
         places = np.array([values.atPoint2(key) for key in keys[2:]]).reshape(-1, 2)
-        errors, by_first, by_last, by_things = linearized(
-            condensed,
+        where = (
             np.array([first_pose.x(), first_pose.y(), first_pose.theta()]),
             np.array([last_pose.x(), last_pose.y(), last_pose.theta()]),
             places[columns],
         )
-        if jacobians is not None:
-            jacobians[0], jacobians[1] = by_first, by_last
-            if not is_each_own:
-                by_things = _summed(by_things, columns, len(names))
-            for k in range(len(names)):
-                jacobians[k + 2] = by_things[:, k]
+        if jacobians is None:
+            return np.asarray(whitened_errors(condensed, *where), dtype=np.float64)
+        errors, by_first, by_last, by_things = linearized(condensed, *where)
+        jacobians[0], jacobians[1] = by_first, by_last
+        if not is_each_own:
+            by_things = _summed(by_things, columns, len(names))
+        for k in range(len(names)):
+            jacobians[k + 2] = by_things[:, k]
         return np.asarray(errors, dtype=np.float64)
 
     return gtsam.CustomFactor(noise, keys, error)

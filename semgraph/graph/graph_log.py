@@ -2,16 +2,42 @@
 
 from array import array
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
 
-from semgraph.arrays import FloatArray, IntArray
+from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.geometry import UncertainPose2
 from semgraph.graph.factors import Sighting
 from semgraph.graph.growing import Growing
 
 NOWHERE: Final = -1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighted:
+    """Sightings of one landmark, in the order they were handed to it.
+
+    Attributes:
+        poses, tracks: (k,) of each.
+        polar: (k, 2) range and bearing.
+        covariances: (k, 2, 2) of those.
+    """
+
+    poses: IntArray
+    tracks: IntArray
+    polar: FloatArray
+    covariances: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def some(self, rows: IntArray | BoolArray) -> "Sighted":
+        """Those of them."""
+        return Sighted(
+            self.poses[rows], self.tracks[rows], self.polar[rows], self.covariances[rows]
+        )
 
 
 @final
@@ -119,6 +145,13 @@ class GraphLog:
             bearing,
             np.array([[a, b], [b, d]]),
             int(self._tracks.rows[row]),
+        )
+
+    def sighted(self, landmark: int) -> Sighted:
+        """All sightings of a landmark."""
+        rows = self.rows(landmark)
+        return Sighted(
+            self.poses[rows], self.tracks[rows], self.polar[rows], self.covariances(rows)
         )
 
     def rows(self, landmark: int) -> IntArray:

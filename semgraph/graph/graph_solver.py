@@ -5,6 +5,7 @@ After an update only what is asked for is read: reading everything would cost mo
 the longer the run the more. Poses that lie back are condensed, window by window.
 """
 
+import itertools
 from dataclasses import dataclass, field
 from typing import Final, final
 
@@ -83,6 +84,7 @@ class GraphSolver:
         # Of each variable the last that was read; of what was not read as yet, its first guess.
         self._poses, self._landmarks = Growing((3,)), dict[int, FloatArray]()
         self._is_current = False
+        self._are_current = set[int]()
         self._last_updated = -1
         self._poses.append(map_T_start.pose.as_array())
         self.isam.add(prior_factor(map_T_start), self.slots.prior, 0)
@@ -111,6 +113,7 @@ class GraphSolver:
         """It is no more."""
         self.log.forget(landmark)
         del self._landmarks[landmark]
+        self._are_current.discard(landmark)
         self.places.remove(landmark)
 
     def add_motion(self, pose: int) -> None:
@@ -156,8 +159,9 @@ class GraphSolver:
                 self._condense_next()
             self.add_windows()
             self.isam.update(relinearize=relinearize)
-            self._is_current = False
             self._let_go()
+            self._is_current = False
+            self._are_current.clear()
             self._poses.rows[last] = self.isam.pose(last).as_array()
         except UpdateError as error:
             self.incidents.append(f"update failed, graph rebuilt: {error}")
@@ -189,18 +193,29 @@ class GraphSolver:
 
     def pose(self, index: int) -> Pose2:
         """map_T_base of one pose as of the last update."""
-        number = self.windows.of_pose(index)
-        if number == NONE:
+        if self.windows.of_pose(index) == NONE:
             return self.isam.pose(index)
-        window = self.windows[number]
-        first = self.isam.pose(window.first)
-        between = window.condensed.first_T_between[index - window.first - 1]
-        return first @ Pose2.from_array(between)
+        return Pose2.from_array(self.poses(np.array([index]))[0])
+
+    def poses(self, indices: IntArray) -> FloatArray:
+        """(n, 3) of some; those of one window after each other take little more than one."""
+        found = np.empty((len(indices), 3))
+        numbers = [self.windows.of_pose(index) for index in indices.tolist()]
+        for number, places in itertools.groupby(range(len(indices)), numbers.__getitem__):
+            rows = list(places)
+            if number == NONE:
+                found[rows] = [self.isam.pose(k).as_array() for k in indices[rows].tolist()]
+                continue
+            window = self.windows[number]
+            first = self.isam.pose(window.first).as_array()
+            found[rows] = follow(first, window.condensed, indices[rows] - window.first - 1)
+        return found
 
     def landmark(self, landmark: int) -> FloatArray:
         """map_t_landmark (2,) as of the last update; of what is newer, the guess."""
-        if self.isam.has_landmark(landmark):
+        if landmark not in self._are_current and self.isam.has_landmark(landmark):
             self.move(landmark, self.isam.landmark(landmark))
+            self._are_current.add(landmark)
         return self._landmarks[landmark]
 
     def estimate(self) -> GraphEstimate:
@@ -211,7 +226,7 @@ class GraphSolver:
 
     def condense(self, first: int, last: int, rows: IntArray) -> tuple[IntArray, Condensed]:
         """Landmark and track of each thing in a stretch, and what it says where all is now."""
-        poses = np.array([self.pose(k).as_array() for k in range(first, last + 1)])
+        poses = self.poses(np.arange(first, last + 1))
         names = np.unique(self.log.landmarks[rows]).tolist()
         places = {name: self.landmark(name) for name in names}
         return self.windows.condensed(first, rows, poses, places)
@@ -225,6 +240,7 @@ class GraphSolver:
     def start_from(self, estimate: GraphEstimate) -> None:
         """Builds the graph from the log, with everything here and nothing waiting."""
         self._poses.rows[: len(estimate.map_T_bases)] = estimate.map_T_bases
+        self._are_current.clear()
         for landmark, place in estimate.map_t_landmarks.items():
             if landmark in self.log:
                 self.move(landmark, place)

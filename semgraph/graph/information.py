@@ -3,11 +3,40 @@
 from typing import final
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csc_matrix, csr_matrix, diags
 from scipy.sparse.linalg import splu
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import GraphError
+
+
+@final
+class DenseInformation:
+    """The same as `Information` of a matrix (n, n) so small that it is quicker dense.
+
+    Args:
+        information: A^T A.
+
+    Raises:
+        GraphError: the matrix is singular.
+    """
+
+    def __init__(self, information: FloatArray) -> None:
+        self._scale = _scale(information.diagonal())
+        try:
+            self._factor = cho_factor(self._scale[:, None] * information * self._scale)
+        except np.linalg.LinAlgError as error:
+            raise GraphError(f"no covariance: {error}") from error
+
+    def covariance(self, columns: IntArray) -> FloatArray:
+        """(k, k) covariance of some of the variables together.
+
+        Raises:
+            GraphError: not positive definite, which rounding makes of what is nearly singular.
+        """
+        unit = _unit(len(self._scale), columns)
+        return _definite(cho_solve(self._factor, unit)[columns], self._scale[columns])
 
 
 @final
@@ -25,10 +54,7 @@ class Information:
 
     def __init__(self, jacobian: csr_matrix) -> None:
         information = csc_matrix(jacobian.T @ jacobian)
-        diagonal = information.diagonal()
-        if not (np.isfinite(diagonal) & (diagonal > 0.0)).all():
-            raise GraphError("a variable has no information")
-        self._scale: FloatArray = diagonal**-0.5
+        self._scale = _scale(information.diagonal())
         scaling = diags(self._scale)
         try:
             # Symmetric, so that pivots need no search and the fill stays that of Cholesky.
@@ -47,13 +73,31 @@ class Information:
         Raises:
             GraphError: not positive definite, which rounding makes of what is nearly singular.
         """
-        unit = np.zeros((len(self._scale), len(columns)))
-        unit[columns, np.arange(len(columns))] = 1.0
-        scale = self._scale[columns]
-        joint = scale[:, None] * self._factors.solve(unit)[columns] * scale
-        covariance: FloatArray = 0.5 * (joint + joint.T)
-        try:
-            np.linalg.cholesky(covariance)
-        except np.linalg.LinAlgError:
-            raise GraphError("no covariance: the graph is nearly singular") from None
-        return covariance
+        unit = _unit(len(self._scale), columns)
+        return _definite(self._factors.solve(unit)[columns], self._scale[columns])
+
+
+def _scale(diagonal: FloatArray) -> FloatArray:
+    """That makes it 1."""
+    if not (np.isfinite(diagonal) & (diagonal > 0.0)).all():
+        raise GraphError("a variable has no information")
+    scale: FloatArray = diagonal**-0.5
+    return scale
+
+
+def _unit(size: int, columns: IntArray) -> FloatArray:
+    """(size, k) of these columns."""
+    unit = np.zeros((size, len(columns)))
+    unit[columns, np.arange(len(columns))] = 1.0
+    return unit
+
+
+def _definite(scaled: FloatArray, scale: FloatArray) -> FloatArray:
+    """(k, k) in its units and symmetric."""
+    joint = scale[:, None] * scaled * scale
+    covariance: FloatArray = 0.5 * (joint + joint.T)
+    try:
+        np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        raise GraphError("no covariance: the graph is nearly singular") from None
+    return covariance

@@ -32,7 +32,7 @@ class Keyframes:
 
     def move(self, motion: UncertainPose2) -> None:
         """The robot goes on to the next scan."""
-        self.since_last = self.since_last @ motion
+        self.since_last = motion if self.since_last is _NOTHING else self.since_last @ motion
 
     def add_pose(self, pose: int) -> None:
         """That scan is this pose of the graph, one after the last."""

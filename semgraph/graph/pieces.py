@@ -9,9 +9,11 @@ from scipy.sparse import csr_matrix
 
 from semgraph.arrays import FloatArray
 from semgraph.errors import GraphError
-from semgraph.graph.information import Information
+from semgraph.graph.information import DenseInformation, Information
 
 _WELL_KNOWN_M: Final = 0.5
+# Columns from which on a sparse matrix is quicker.
+_DENSE: Final = 600
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,27 +49,52 @@ def covariance_by(
     of = {landmark: 2 * k for k, landmark in enumerate(places)}
     if not of.keys() >= set(landmarks):
         return None
-    jacobian = _together(chosen, columns, of)
     asked = np.array([of[landmark] + k for landmark in landmarks for k in range(2)])
     try:
-        covariance = Information(jacobian).covariance(asked)
+        covariance = _information(chosen, columns, of).covariance(asked)
     except GraphError:
         # Pieces with one landmark in common turn about it as they like.
         return None
     return covariance if np.diag(covariance).max() <= _WELL_KNOWN_M**2 else None
 
 
+def _information(
+    chosen: Sequence[Piece], columns: dict[int, int], of: dict[int, int]
+) -> Information | DenseInformation:
+    """All that the pieces say; as a dense matrix, unless it is large."""
+    size = 2 * len(of) + 3 * len(columns)
+    if size > _DENSE:
+        return Information(_together(chosen, columns, of))
+    information = np.zeros((size, size))
+    for piece in chosen:
+        A, where = _matrix(piece, columns, of)
+        squared = A.T @ A
+        if len(set(where)) == len(where):
+            information[np.ix_(where, where)] += squared
+        else:
+            # Those of one place, from tracks that are one landmark, add up.
+            np.add.at(information, np.ix_(where, where), squared)
+    return DenseInformation(information)
+
+
+def _matrix(
+    piece: Piece, columns: dict[int, int], of: dict[int, int]
+) -> tuple[FloatArray, list[int]]:
+    """(d, k) of a piece and the columns of it; what it says of a known pose falls away."""
+    by = [piece.by_things.reshape(len(piece.by_first), -1)]
+    where = [of[landmark] + k for landmark in piece.landmarks for k in range(2)]
+    for pose, by_pose in ((piece.first, piece.by_first), (piece.last, piece.by_last)):
+        if pose in columns:
+            by.append(by_pose)
+            where += range(columns[pose], columns[pose] + 3)
+    return np.hstack(by), where
+
+
 def _together(pieces: Sequence[Piece], columns: dict[int, int], of: dict[int, int]) -> csr_matrix:
-    """All pieces in one matrix; what they say of a known pose falls away."""
+    """All pieces in one sparse matrix."""
     values, rows, wheres, height = [], [], [], 0
     for piece in pieces:
-        by = [piece.by_things.reshape(len(piece.by_first), -1)]
-        where = [of[landmark] + k for landmark in piece.landmarks for k in range(2)]
-        for pose, by_pose in ((piece.first, piece.by_first), (piece.last, piece.by_last)):
-            if pose in columns:
-                by.append(by_pose)
-                where += range(columns[pose], columns[pose] + 3)
-        A = np.hstack(by)
+        A, where = _matrix(piece, columns, of)
         values.append(A.ravel())
         rows.append(np.repeat(height + np.arange(len(A)), A.shape[1]))
         wheres.append(np.tile(where, len(A)))

@@ -48,7 +48,7 @@ class SmootherSettings(BaseModel):
     closure_odds: float = Field(100.0, gt=1.0)
     duplicate_odds: float = Field(10.0, gt=1.0)
     in_sight_scans: int = Field(10, ge=0)
-    window_scans: int = Field(20, ge=0)
+    window_scans: int = Field(40, ge=0)
 
     def start(self, map_T_start: Pose2) -> UncertainPose2:
         """Where the run starts, as surely as the settings say."""
@@ -354,7 +354,7 @@ class Smoother:
         """
         graph = self._graph
         before = graph.checkpoint()
-        last = max(each.pose for pair in found.closures for each in graph.sightings(pair.old))
+        last = max(int(graph.sighted(pair.old).poses.max()) for pair in found.closures)
         graph.carry(found.correction, graph.weakest_link(last))
         self._close(found.closures, before)
 
@@ -376,9 +376,8 @@ class Smoother:
             graph.settle()
             merges = [(each.old, self._registry.merges(each.old)[-1]) for each in merged]
             sightings = sum(
-                each.track in merge.tracks
+                int(np.isin(graph.sighted(landmark).tracks, list(merge.tracks)).sum())
                 for landmark, merge in merges
-                for each in graph.sightings(landmark)
             )
             most = 0.5 * CHI2_2DOF_999 * len(merged) + _COST_A_SIGHTING * sightings
             rise = graph.cost() - before.cost
@@ -425,10 +424,10 @@ class Smoother:
         least = -float(np.log(self._settings.closure_odds))
         num_taken_back = 0
         for landmark, merge in merges:
-            sightings = self._graph.sightings(landmark)
-            theirs = [each for each in sightings if each.track in merge.tracks]
-            others = [each for each in sightings if each.track not in merge.tracks]
-            if not theirs or not others:
+            sightings = self._graph.sighted(landmark)
+            is_theirs = np.isin(sightings.tracks, list(merge.tracks))
+            theirs, others = sightings.some(is_theirs), sightings.some(~is_theirs)
+            if not len(theirs) or not len(others):
                 continue
             known = self._registry.landmarks[landmark]
             odds = log_odds_of_one(

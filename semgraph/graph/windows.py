@@ -12,6 +12,8 @@ from semgraph.graph.condensation import Condensed, Stretch, condense
 from semgraph.graph.graph_log import GraphLog
 
 NONE: Final = -1
+# At most so many poses must have followed before a window is condensed.
+_FOLLOWING: Final = 20
 # A motion less sure than this is in no window: what lies behind it is in no Gaussian's reach.
 _SURE_M: Final = 0.5
 _SURE_RAD: Final = 0.1
@@ -76,10 +78,11 @@ class Windows:
         return window if window == self.of_motion(pose + 1) else NONE
 
     def next(self, last_updated: int) -> tuple[int, int] | None:
-        """First and last pose of the next window, if it lies back as far as it is long."""
+        """First and last pose of the next window, if it lies back far enough."""
         if not self._length:
             return None
-        while self._end + 2 * self._length <= last_updated:
+        following = min(self._length, _FOLLOWING)
+        while self._end + self._length + following <= last_updated:
             first, last = self._end, self._end
             while last < first + self._length and self._is_sure(last + 1):
                 last += 1
