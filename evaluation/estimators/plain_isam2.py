@@ -14,7 +14,6 @@ from typing import Final, Self, final
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
-from scipy.sparse import csr_matrix
 
 from evaluation.estimators.driving import Step as Said
 from evaluation.estimators.driving import drive, start_of
@@ -34,8 +33,9 @@ from semgraph.graph.factors import (
     prior_factor,
     sighting_factor,
     to_gtsam,
+    whitened,
 )
-from semgraph.graph.information import Information
+from semgraph.graph.information import Information, marginals
 from semgraph.graph.smoother import SmootherSettings
 from semgraph.landmarks import Landmark, Perceptions
 from semgraph.pipeline import Moment
@@ -47,7 +47,6 @@ _AROUND_M: Final = 1.0
 # covariances sooner than iSAM2's cliques: 20 s of the paper's course in a dense stand took 12 s
 # instead of 34. It linearizes at the estimate, the cliques where iSAM2 last did.
 _DENSE: Final = 60
-_AT_ONCE: Final = 40
 
 
 def estimate(source: Source, settings: Settings, rng: np.random.Generator) -> Estimate:
@@ -132,7 +131,7 @@ class PlainIsam2:
         """(n, 3) map_T_bases, and (n, 3, 3) their covariances, each in its own frame."""
         with _as_graph_errors(self._num_poses):
             poses = np.asarray(gtsam.utilities.extractPose2(self._isam.calculateEstimate()))
-            return poses, self._marginals(list(map(X, range(self._num_poses))), 3)
+            return poses, marginals(self._joint, list(map(X, range(self._num_poses))), 3)
 
     def landmarks(self) -> tuple[Landmark, ...]:
         """The map.
@@ -142,7 +141,7 @@ class PlainIsam2:
         """
         numbers = range(len(self._known))
         with _as_graph_errors(self._num_poses):
-            covariances = self._marginals(list(map(L, numbers)), 2)
+            covariances = marginals(self._joint, list(map(L, numbers)), 2)
         return self._known.landmarks(numbers, self._places, covariances)
 
     def _associate(
@@ -181,16 +180,6 @@ class PlainIsam2:
         self._sigma_m = float(np.sqrt(np.trace(joint[:2, :2])))
         return state
 
-    def _marginals(self, keys: Sequence[int], size: int) -> FloatArray:
-        """(n, size, size) of each variable alone."""
-        covariances = np.zeros((len(keys), size, size))
-        for start in range(0, len(keys), _AT_ONCE):
-            some = keys[start : start + _AT_ONCE]
-            joint = self._joint(some).reshape(len(some), size, len(some), size)
-            each = np.arange(len(some))
-            covariances[start : start + len(some)] = joint[each, :, each, :]
-        return covariances
-
     def _joint(self, keys: Sequence[int]) -> FloatArray:
         """The covariance of variables together, in the order of the keys."""
         if self._isam.treeNnz() < _DENSE * (3 * self._num_poses + 2 * len(self._known)):
@@ -223,16 +212,8 @@ class _Factored:
     @classmethod
     def of(cls, isam: gtsam.ISAM2) -> Self:
         linear = isam.getFactorsUnsafe().linearize(isam.calculateEstimate())
-        row, column, value = linear.sparseJacobian_()
-        widths = {key: 2 if key < X(0) else 3 for key in sorted(linear.keys())}
-        starts = np.cumsum([0, *widths.values()])
-        columns = {
-            key: np.arange(start, start + width)
-            for (key, width), start in zip(widths.items(), starts[:-1].tolist(), strict=True)
-        }
-        # The last column is the right side.
-        whole = csr_matrix((value, (row.astype(np.int64) - 1, column.astype(np.int64) - 1)))
-        return cls(Information(whole[:, : starts[-1]]), columns)
+        jacobian, columns = whitened(linear)
+        return cls(Information(jacobian), columns)
 
     def covariance(self, keys: Sequence[int]) -> FloatArray:
         return self.information.covariance(np.concatenate([self.columns[key] for key in keys]))

@@ -8,11 +8,10 @@ import numpy as np
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import GraphError
 from semgraph.graph.incremental import Incremental
-from semgraph.graph.information import Information
+from semgraph.graph.information import AT_ONCE, Information, marginals
 
 # Entries of the Bayes tree a column, from which on a graph is dense.
 _DENSE: Final = 200
-_AT_ONCE: Final = 40
 
 
 @final
@@ -48,20 +47,14 @@ class Covariances:
         return self._isam.covariance(keys)
 
     def marginals(self, keys: Sequence[int], size: int) -> FloatArray:
-        """(n, size, size): by the dozen, which costs little more than one."""
-        covariances = np.zeros((len(keys), size, size))
-        for start in range(0, len(keys), _AT_ONCE):
-            some = keys[start : start + _AT_ONCE]
-            joint = self.joint(some).reshape(len(some), size, len(some), size)
-            each = np.arange(len(some))
-            covariances[start : start + len(some)] = joint[each, :, each, :]
-        return covariances
+        """(n, size, size) of each variable alone."""
+        return marginals(self.joint, keys, size)
 
     def chain(self, keys: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """(n, 3, 3) of poses, and of each with the next one, 0 after the last."""
         covariances, crosses = (np.zeros((len(keys), 3, 3)) for _ in range(2))
-        for start in range(0, len(keys), _AT_ONCE):
-            some = keys[start : start + _AT_ONCE + 1]
+        for start in range(0, len(keys), AT_ONCE):
+            some = keys[start : start + AT_ONCE + 1]
             joint = self.joint(some).reshape(len(some), 3, len(some), 3)
             each = np.arange(len(some))
             covariances[start : start + len(some)] = joint[each, :, each, :]

@@ -7,6 +7,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import GraphError
@@ -192,3 +193,17 @@ def _summed(by_things: FloatArray, columns: IntArray, count: int) -> FloatArray:
     for thing, column in enumerate(columns.tolist()):
         summed[:, column] += by_things[:, thing]
     return summed
+
+
+def whitened(linear: gtsam.GaussianFactorGraph) -> tuple[csr_matrix, dict[int, IntArray]]:
+    """The whitened Jacobian (m, n) of a linear graph, and the columns of each key."""
+    row, column, value = linear.sparseJacobian_()
+    widths = {key: 2 if key < X(0) else 3 for key in sorted(linear.keys())}
+    starts = np.cumsum([0, *widths.values()])
+    columns = {
+        key: np.arange(start, start + width)
+        for (key, width), start in zip(widths.items(), starts[:-1].tolist(), strict=True)
+    }
+    # The last column is the right side.
+    whole = csr_matrix((value, (row.astype(np.int64) - 1, column.astype(np.int64) - 1)))
+    return whole[:, : starts[-1]], columns

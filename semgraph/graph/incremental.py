@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import GraphError
 from semgraph.geometry import Pose2
-from semgraph.graph.factors import to_gtsam
+from semgraph.graph.factors import to_gtsam, whitened
 
 _INDEX: Final = (1 << 56) - 1
 _FAILURES: Final = (RuntimeError, ValueError, IndexError)
@@ -201,21 +201,7 @@ class Incremental:
 
     def jacobian(self) -> tuple[csr_matrix, dict[int, IntArray]]:
         """Of all factors where everything is now, whitened; and the columns of each key."""
-        return _whitened(self._isam.getFactorsUnsafe().linearize(self._isam.calculateEstimate()))
-
-
-def _whitened(linear: gtsam.GaussianFactorGraph) -> tuple[csr_matrix, dict[int, IntArray]]:
-    """The matrix of a linear graph, and the columns of each key."""
-    row, column, value = linear.sparseJacobian_()
-    widths = {key: 2 if key < X(0) else 3 for key in sorted(linear.keys())}
-    starts = np.cumsum([0, *widths.values()])
-    columns = {
-        key: np.arange(start, start + width)
-        for (key, width), start in zip(widths.items(), starts[:-1].tolist(), strict=True)
-    }
-    # The last column is the right side.
-    whole = csr_matrix((value, (row.astype(np.int64) - 1, column.astype(np.int64) - 1)))
-    return whole[:, : starts[-1]], columns
+        return whitened(self._isam.getFactorsUnsafe().linearize(self._isam.calculateEstimate()))
 
 
 def _read(values: gtsam.Values) -> Values:

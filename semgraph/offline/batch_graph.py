@@ -13,7 +13,6 @@ from typing import Final, final
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
-from scipy.sparse import csr_matrix
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import GraphError
@@ -24,8 +23,9 @@ from semgraph.graph.factors import (
     odometry_factor,
     sighting_factor,
     to_gtsam,
+    whitened,
 )
-from semgraph.graph.information import Information
+from semgraph.graph.information import Information, marginals
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
 from semgraph.offline.batch import Batch, Belief, Prior
 from semgraph.offline.pose_chains import fill, links
@@ -38,7 +38,6 @@ _LAST_MU: Final = 10.0
 _LEAST_WEIGHT: Final = 1e-4
 _CONVERGED: Final = 1e-5
 _MAX_STEPS: Final = 50
-_AT_ONCE: Final = 40
 
 
 @final
@@ -127,11 +126,11 @@ class BatchGraph:
 
     def landmark_covariances(self, landmarks: Sequence[int]) -> FloatArray:
         """(n, 2, 2) marginal covariance of each landmark, in map."""
-        return self._marginals([L(landmark) for landmark in landmarks], 2)
+        return marginals(self._joint, [L(landmark) for landmark in landmarks], 2)
 
     def pose_covariances(self) -> FloatArray:
         """(n, 3, 3) of the poses in the graph, (x, y, theta) in each one's own frame."""
-        return self._marginals([X(link.end) for link in self._links], 3)
+        return marginals(self._joint, [X(link.end) for link in self._links], 3)
 
     def _ordered(self) -> gtsam.Ordering:
         """Dissecting the loops of a drive leaves a third less to do than COLAMD.
@@ -207,18 +206,10 @@ class BatchGraph:
         moved2 = mahalanobis2(now.places(landmarks) - before, covariances)
         return np.concatenate([now.fit(self._batch)[self._rows], moved2])
 
-    def _marginals(self, keys: Sequence[int], size: int) -> FloatArray:
-        covariances = np.zeros((len(keys), size, size))
-        for start in range(0, len(keys), _AT_ONCE):
-            some = keys[start : start + _AT_ONCE]
-            joint = self._joint(some).reshape(len(some), size, len(some), size)
-            each = np.arange(len(some))
-            covariances[start : start + len(some)] = joint[each, :, each, :]
-        return covariances
-
     def _joint(self, keys: Sequence[int]) -> FloatArray:
         if self._factored is None:
-            self._factored, self._columns = _information(self._graph.linearize(self._values))
+            jacobian, self._columns = whitened(self._graph.linearize(self._values))
+            self._factored = Information(jacobian)
         return self._factored.covariance(np.concatenate([self._columns[key] for key in keys]))
 
 
@@ -249,19 +240,3 @@ def _values(belief: Belief, scans: Sequence[int]) -> gtsam.Values:
     for landmark, place in belief.map_t_landmarks.items():
         values.insert(j=L(landmark), point2=place)
     return values
-
-
-def _information(
-    linear: gtsam.GaussianFactorGraph,
-) -> tuple[Information, dict[int, IntArray]]:
-    """Of all variables, and the columns of each."""
-    row, column, value = linear.sparseJacobian_()
-    widths = {key: 2 if key < X(0) else 3 for key in sorted(linear.keys())}
-    starts = np.cumsum([0, *widths.values()])
-    columns = {
-        key: np.arange(start, start + width)
-        for (key, width), start in zip(widths.items(), starts[:-1].tolist(), strict=True)
-    }
-    # The last column is the right side.
-    whole = csr_matrix((value, (row.astype(np.int64) - 1, column.astype(np.int64) - 1)))
-    return Information(whole[:, : starts[-1]]), columns
