@@ -162,8 +162,23 @@ def _parser() -> argparse.ArgumentParser:
 
     demo = commands.add_parser("demo", help="run the paper's course, with nothing to prepare")
     _add_output(demo)
+    _add_run(commands.add_parser)
+    _add_localize(commands.add_parser)
+    _add_with_source(
+        commands.add_parser, "detect", "write and draw what the detectors find in raw measurements"
+    )
+    _add_simulate(commands.add_parser)
+    _add_looks(commands.add_parser)
+    _add_refine(commands.add_parser)
+    _add_bench(commands.add_parser)
+    add_study(commands.add_parser)
+    add_report(commands.add_parser)
+    add_baseline(commands.add_parser)
+    return parser
 
-    run = _add_with_source(commands.add_parser, "run", "run a recording or a course")
+
+def _add_run(add_parser: AddParser) -> None:
+    run = _add_with_source(add_parser, "run", "run a recording or a course")
     run.add_argument(
         "--live",
         type=Path,
@@ -183,11 +198,9 @@ def _parser() -> argparse.ArgumentParser:
         help="play the recording at X times real time (default: as fast as it goes)",
     )
 
-    _add_localize(commands.add_parser)
-    _add_with_source(
-        commands.add_parser, "detect", "write and draw what the detectors find in raw measurements"
-    )
-    simulate = commands.add_parser(
+
+def _add_simulate(add_parser: AddParser) -> None:
+    simulate = add_parser(
         "simulate",
         help="write a simulated course as a plain recording folder",
         epilog=_SOURCES,
@@ -197,26 +210,23 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("folder", type=Path, metavar="DIR", help="new or empty")
     _add_set(simulate, "one option of the course, e.g. seed=1")
 
+
+def _add_looks(add_parser: AddParser) -> None:
+    """Commands that look at the results of runs."""
     for name, what in (
         ("evaluate", "print and write the metrics of a run again"),
         ("view", "open a run in Rerun"),
     ):
-        command = commands.add_parser(name, help=what)
+        command = add_parser(name, help=what)
         command.add_argument("folder", type=Path, metavar="DIR", help="the results of a run")
-    explain = commands.add_parser("explain", help="what a run decided of its landmarks, and why")
+    explain = add_parser("explain", help="what a run decided of its landmarks, and why")
     explain.add_argument("folder", type=Path, metavar="DIR", help="the results of a run")
     explain.add_argument(
         "--landmark", type=int, metavar="N", help="the story of one, by its id in map.csv"
     )
-    compare = commands.add_parser("compare", help="how far two runs of one recording are apart")
+    compare = add_parser("compare", help="how far two runs of one recording are apart")
     compare.add_argument("first", type=Path, metavar="DIR", help="the results of a run")
     compare.add_argument("second", type=Path, metavar="DIR", help="the results of another")
-    _add_refine(commands.add_parser)
-    _add_bench(commands.add_parser)
-    add_study(commands.add_parser)
-    add_report(commands.add_parser)
-    add_baseline(commands.add_parser)
-    return parser
 
 
 def _add_localize(add_parser: AddParser) -> None:
