@@ -51,3 +51,31 @@ class Decision:
         why = f", {self.why}" if self.why else ""
         where = f"{self.what.value} at scan {self.scan}"
         return f"{where}: {self.kind.label} {self.landmark}{other}{why}{odds}"
+
+
+class DecisionLog:
+    """Decisions in the order in which they were made.
+
+    Attributes:
+        scan: the last one, after which decisions are made.
+    """
+
+    def __init__(self) -> None:
+        self.scan = -1
+        self._decisions: list[Decision] = []
+
+    def add(
+        self,
+        what: What,
+        kind: Kind,
+        landmark: int,
+        other: int = -1,
+        log_odds: float = float("nan"),
+        why: str = "",
+    ) -> None:
+        """One more, after the last scan."""
+        self._decisions.append(Decision(self.scan, what, kind, landmark, other, log_odds, why))
+
+    def all(self) -> tuple[Decision, ...]:
+        """All of them."""
+        return tuple(self._decisions)

@@ -8,27 +8,26 @@ tentative, out of the map; what is no longer seen where it should be is gone.
 """
 
 from array import array
-from collections.abc import Callable, Iterable, Sequence, Set
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from semgraph.arrays import FloatArray, IntArray
-from semgraph.decisions import Decision, What
+from semgraph.decisions import Decision, DecisionLog, What
 from semgraph.estimates import Trajectory
 from semgraph.fast_estimator import FastStep
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.graph.absence import Look, count_misses
-from semgraph.graph.contradiction import log_odds_of_one
 from semgraph.graph.existence import Tally
-from semgraph.graph.factor_graph import Checkpoint, FactorGraph
+from semgraph.graph.factor_graph import FactorGraph
 from semgraph.graph.factors import Sighting
 from semgraph.graph.growing import Ragged
 from semgraph.graph.keyframes import Keyframes
-from semgraph.graph.landmark_registry import LandmarkRegistry, Merge
-from semgraph.graph.loop_closure import Closure, GraphLandmark, density, duplicates, find_closures
-from semgraph.graph.recognition import Recognition, is_lost, recognise
+from semgraph.graph.landmark_registry import LandmarkRegistry
+from semgraph.graph.loop_closure import GraphLandmark
+from semgraph.graph.merging import Merging
 from semgraph.graph.tracks import Track
 from semgraph.landmarks import Gone, Kind, Landmark, Perceptions
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
@@ -56,12 +55,8 @@ class SmootherSettings(BaseModel):
         return UncertainPose2(map_T_start, np.diag(sigmas**2))
 
 
-# Fewer scans without a sighting are an interruption, not a loop.
-_LOOP_SCANS: Final = 100
 # Among fewer things nobody can tell whether the robot or the thing moves.
 _LEAST_TO_JUDGE: Final = 3
-# What an outline seen from another side adds to the cost of a sighting at most.
-_COST_A_SIGHTING: Final = 3.0
 
 
 class Smoother:
@@ -79,17 +74,24 @@ class Smoother:
         self._tracker_ids = Ragged()
         self._last_fast: Pose2 | None = None
         self._guess = map_T_start
-        self._decisions: list[Decision] = []
+        self._decided = DecisionLog()
+        self._merging = Merging(
+            self._graph,
+            self._registry,
+            self._decided,
+            settings.closure_odds,
+            settings.duplicate_odds,
+        )
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
         """What was decided of landmarks, in order."""
-        return tuple(self._decisions)
+        return self._decided.all()
 
     @property
     def events(self) -> tuple[str, ...]:
         """What was decided, and what went wrong and was mended, one line each."""
-        return (*map(str, self._decisions), *self._graph.incidents)
+        return (*map(str, self._decided.all()), *self._graph.incidents)
 
     def add(self, step: FastStep, perceptions: Perceptions, views: Sequence[View]) -> None:
         """Takes in one scan of the fast estimator.
@@ -128,13 +130,13 @@ class Smoother:
         """
         note("settling")
         self._graph.polish()
-        self._merge_duplicates(set(self._registry.landmarks), note)
+        self._merging.merge_duplicates(set(self._registry.landmarks), note)
         merged = [
             (landmark, merge)
             for landmark in self._registry.landmarks
             for merge in self._registry.merges(landmark)
         ]
-        if self._take_back(merged):
+        if self._merging.take_back(merged):
             self._graph.polish()
 
     def latest(self) -> Pose2:
@@ -257,6 +259,7 @@ class Smoother:
         self._guess = self._guess @ last_T_current
         self._keyframes.move(step.motion)
         self._stamps_ns.append(step.stamp_ns)
+        self._decided.scan = self._scan
         self._tracker_ids.append(step.landmark_ids)
 
     def _look_for_movers(
@@ -304,7 +307,7 @@ class Smoother:
             if self._registry.drop(track):
                 self._graph.remove(track.landmark)
                 why = f"first sighted at scan {track.known.scans.first}"
-                self._decide(What.MOVING, track.landmark, track.known, why=why)
+                self._decided.add(What.MOVING, track.known.kind, track.landmark, why=why)
         self._moving.clear()
 
     def _miss(self, look: Look) -> None:
@@ -321,7 +324,7 @@ class Smoother:
                     f"last sighted at scan {gone.scans.last}, "
                     f"{gone.existence.num_misses} looks in vain"
                 )
-                self._decide(What.GONE, landmark, gone, why=why)
+                self._decided.add(What.GONE, gone.kind, landmark, why=why)
 
     def _update(self) -> None:
         """One iSAM2 update for the scans since the last, then a look for closed loops."""
@@ -330,135 +333,10 @@ class Smoother:
         in_sight = self._in_sight()
         recent = sorted({track.landmark for track in in_sight})
         if due := {track.landmark for track in in_sight if track.is_due}:
-            self._look_for_closures(recent, due)
+            self._merging.close_loops(recent, due)
             for track in in_sight:
                 track.tested = track.known.num_sightings
-        if self._take_back(self._registry.due(recent, self._scan)):
+        if self._merging.take_back(self._registry.due(recent, self._scan)):
             self._graph.update(relinearize=True)
         last = self._graph.pose(self._graph.num_poses - 1)
         self._guess = last @ self._keyframes.since_last.pose
-
-    def _look_for_closures(self, recent: Sequence[int], due: Set[int]) -> None:
-        """Pairs by the gates; where these hold all and nothing, the place by its constellation."""
-        graph, landmarks = self._graph, self._registry.landmarks
-        odds = float(np.log(self._settings.closure_odds))
-        if not is_lost(graph):
-            self._close(find_closures(graph, landmarks, recent, odds, due))
-        elif found := recognise(graph, landmarks, recent, odds):
-            self._find_itself(found)
-
-    def _find_itself(self, found: Recognition) -> None:
-        """Brings all since the weakest link to where it was recognised, and closes the loop.
-
-        From where it was believed no solver would find there.
-        """
-        graph = self._graph
-        before = graph.checkpoint()
-        last = max(int(graph.sighted(pair.old).poses.max()) for pair in found.closures)
-        graph.carry(found.correction, graph.weakest_link(last))
-        self._close(found.closures, before)
-
-    def _close(self, closures: Sequence[Closure], before: Checkpoint | None = None) -> None:
-        """Makes each pair one; all are two again where the graph does not agree.
-
-        A closure that is far off moves much of the graph. What it moves that far must not cost
-        more than the pairs were said to be apart, and what an outline may do to their sightings.
-        """
-        graph = self._graph
-        is_far = any(graph.are_far_apart(each.recent, each.old) for each in closures)
-        if is_far and before is None:
-            before = graph.checkpoint()
-        merged = self._merge(closures)
-        if not merged:
-            return
-        graph.update(relinearize=True)
-        if before is not None:
-            graph.settle()
-            merges = [(each.old, self._registry.merges(each.old)[-1]) for each in merged]
-            sightings = sum(
-                int(np.isin(graph.sighted(landmark).tracks, list(merge.tracks)).sum())
-                for landmark, merge in merges
-            )
-            most = 0.5 * CHI2_2DOF_999 * len(merged) + _COST_A_SIGHTING * sightings
-            rise = graph.cost() - before.cost
-            if rise > most:
-                for landmark, merge in merges:
-                    why = f"the graph's cost rose by {rise:.0f}; {most:.0f} were to be expected"
-                    self._split(landmark, merge, why)
-                graph.go_back(before)
-
-    def _merge_duplicates(self, changed: set[int], note: Callable[[str], None]) -> None:
-        """Until there are no more that involve what has changed."""
-        odds = float(np.log(self._settings.duplicate_odds))
-        while True:
-            closures = duplicates(self._graph, self._registry.landmarks, changed, odds)
-            merged = self._merge(closures, What.DUPLICATE)
-            if not merged:
-                return
-            note(f"settling, {len(merged)} pairs of landmarks found to be one")
-            # Not only for the optimum: in a graph built anew, joint covariances cost a tenth.
-            self._graph.polish()
-            changed = {closure.old for closure in merged}
-
-    def _merge(self, closures: Iterable[Closure], what: What | None = None) -> list[Closure]:
-        """Makes each pair one landmark; everything else follows in the next solution."""
-        merged = [closure for closure in closures if what or self._registry.may_merge(closure)]
-        for closure in merged:
-            recent, old = (self._registry.landmarks[each] for each in (closure.recent, closure.old))
-            unseen = recent.scans.first - old.scans.last
-            closed = What.LOOP_CLOSED if unseen > _LOOP_SCANS else What.RESUMED
-            self._decide(
-                what or closed,
-                closure.recent,
-                old,
-                closure.old,
-                closure.log_odds,
-                f"unseen for {unseen} scans" if unseen > 0 else "seen by turns",
-            )
-            self._graph.merge(closure.recent, closure.old)
-            self._registry.merge(closure, self._scan)
-        return merged
-
-    def _take_back(self, merges: Iterable[tuple[int, Merge]]) -> int:
-        """How many of these merges are taken back, since sightings now contradict them."""
-        least = -float(np.log(self._settings.closure_odds))
-        num_taken_back = 0
-        for landmark, merge in merges:
-            sightings = self._graph.sighted(landmark)
-            is_theirs = np.isin(sightings.tracks, list(merge.tracks))
-            theirs, others = sightings.some(is_theirs), sightings.some(~is_theirs)
-            if not len(theirs) or not len(others):
-                continue
-            known = self._registry.landmarks[landmark]
-            odds = log_odds_of_one(
-                self._graph,
-                theirs,
-                others,
-                2.0 * known.outline_sigma_m() ** 2,
-                density(self._graph, landmark),
-            )
-            if odds < least:
-                why = f"taken for one with log odds {merge.log_odds:.1f}"
-                self._split(landmark, merge, why, odds)
-                num_taken_back += 1
-        return num_taken_back
-
-    def _split(self, landmark: int, merge: Merge, why: str, log_odds: float = float("nan")) -> None:
-        """Makes two of one again."""
-        known = self._registry.landmarks[landmark]
-        self._graph.split(landmark, merge.tracks, merge.recent)
-        alone = self._registry.split(landmark, merge)
-        self._decide(What.TAKEN_BACK, alone, known, landmark, log_odds, why)
-
-    def _decide(
-        self,
-        what: What,
-        landmark: int,
-        known: GraphLandmark,
-        other: int = -1,
-        log_odds: float = float("nan"),
-        why: str = "",
-    ) -> None:
-        self._decisions.append(
-            Decision(self._scan, what, known.kind, landmark, other, log_odds, why)
-        )

@@ -45,7 +45,7 @@ def mislead(smoother: Smoother) -> frozenset[int]:
     recent, old = next(
         (b, a) for a in often for b in often[::-1] if a < b and known[a].may_be(known[b])
     )
-    smoother._close([Closure(recent, old, 5.0)])
+    smoother._merging.close([Closure(recent, old, 5.0)])
     return frozenset((recent, old))
 
 
