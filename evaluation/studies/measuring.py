@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 
 from evaluation.estimators.catalog import estimator
-from evaluation.estimators.judging import drawing_of, judge_estimate, series_of
 from evaluation.metrics import Direction, Metric
+from evaluation.studies.judging import drawing_of, judge_estimate, series_of
 from evaluation.studies.trial import Outcome, Status, Trial
 from semgraph.errors import SemgraphError
 from semgraph.settings import Settings, load_settings

@@ -20,7 +20,7 @@ def call_report(parsed: argparse.Namespace) -> None:
     """
     from rich.console import Console
 
-    from evaluation.studies.report import write_report
+    from evaluation.study_report.report import write_report
 
     console = Console(soft_wrap=True)
     with console.status(f"writing the report of {parsed.folder}"):

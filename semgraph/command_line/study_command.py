@@ -14,11 +14,11 @@ from evaluation.studies.checks import check_trials
 from evaluation.studies.comparison import Summary, summaries
 from evaluation.studies.execution import Execution, run_alone
 from evaluation.studies.outcome_lines import parse_outcome
-from evaluation.studies.report import write_report
 from evaluation.studies.running import endings, run_study
 from evaluation.studies.study_file import Plan, plan_study, read_study
 from evaluation.studies.trial import Outcome, Status, Trial
 from evaluation.studies.trial_process import measure_named
+from evaluation.study_report.report import write_report
 from semgraph.errors import InputError
 from semgraph.progress import progress
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from evaluation.estimators.catalog import estimator
-from evaluation.estimators.judging import judge_estimate
+from evaluation.studies.judging import judge_estimate
 from semgraph.settings import Settings
 from sensors.catalog import open_source
 

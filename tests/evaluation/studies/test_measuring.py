@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evaluation.estimators.judging import OF_THE_MACHINE
+from evaluation.studies.judging import OF_THE_MACHINE
 from evaluation.studies.measuring import measure, rng_of, settings_of, source_of
 from evaluation.studies.trial import Outcome, Status, Trial
 from semgraph.errors import SettingsError

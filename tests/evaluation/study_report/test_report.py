@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from evaluation.studies.outcome_lines import outcome_line
-from evaluation.studies.report import write_report
 from evaluation.studies.store import TRIALS_JSONL
 from evaluation.studies.trial import Outcome
+from evaluation.study_report.report import write_report
 from semgraph.cli import main
 from semgraph.errors import InputError
 from tests.evaluation.study_report import made

@@ -6,13 +6,13 @@ import pytest
 from evaluation.estimators.catalog import estimator
 from evaluation.estimators.driving import Drive, Step
 from evaluation.estimators.estimate import Estimate
-from evaluation.estimators.judging import (
+from evaluation.metrics import Direction, judge
+from evaluation.studies.judging import (
     OF_THE_MACHINE,
     drawing_of,
     judge_estimate,
     series_of,
 )
-from evaluation.metrics import Direction, judge
 from evaluation.studies.trial import MAX_SAMPLES
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.results import RunResult
