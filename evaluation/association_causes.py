@@ -12,8 +12,8 @@ from semgraph.estimates import Trajectory
 from semgraph.fast_estimator import FastEstimator
 from semgraph.files.yaw_rates import YawRateLog
 from semgraph.graph.smoother import Smoother
+from semgraph.moments import moments
 from semgraph.perceiving import Perceiver
-from semgraph.pipeline import moments
 from semgraph.settings import Settings
 from sensors.truth import Source
 

@@ -11,15 +11,16 @@ from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
 from semgraph.fast_estimator import FastEstimator
 from semgraph.files.yaw_rates import YawRateLog
+from semgraph.first_motion import tell_first_motion
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.graph.factors import Sighting
 from semgraph.graph.loop_closure import GraphLandmark
 from semgraph.landmarks import Kind, Perceptions
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
+from semgraph.moments import moments
 from semgraph.offline.batch import Batch, Belief, Prior
 from semgraph.perceiving import Perceiver
-from semgraph.pipeline import moments
 from semgraph.settings import Settings
 from sensors.truth import Source, TrueLandmarks, TruePath
 
@@ -62,6 +63,7 @@ def oracle(source: Source, settings: Settings) -> Oracle:
     perceiver, stamps_ns = Perceiver(recording, settings), list[int]()
     known, associations = dict[int, GraphLandmark](), dict[int, IntArray]()
     map_T_world, odom_T_last = recording.map_T_start, recording.map_T_start
+    tell_first_motion(recording, perceiver, settings.fast)
     for moment in moments(recording, perceiver, YawRateLog()):
         step = tracker.step(moment.perceptions, moment.odometry)
         world_T_base = truth.pose(step.stamp_ns)

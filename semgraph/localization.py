@@ -15,14 +15,15 @@ from semgraph.fast_estimator import FastEstimator
 from semgraph.files.tables import stamp_text, write_text
 from semgraph.files.trajectory_files import write_tum
 from semgraph.files.yaw_rates import YawRateLog
+from semgraph.first_motion import tell_first_motion
 from semgraph.geometry import Pose2
 from semgraph.known_map.fixed_map import FixedMap
 from semgraph.landmarks import Landmark
 from semgraph.localizer import Localized, Localizer, Start, Use
+from semgraph.moments import Moment, moments
 from semgraph.offline.map_growth import Grown, Stretches
 from semgraph.offline.refining import REPORT_CSV, write_changes
 from semgraph.perceiving import Perceiver
-from semgraph.pipeline import Moment, moments
 from semgraph.progress import Report
 from semgraph.results import RunResult, write_files
 from semgraph.settings import Settings
@@ -98,6 +99,7 @@ def localize(
     started = time.perf_counter()
     three = _Three(FixedMap.of_landmarks(landmarks), settings, start)
     imu = YawRateLog()
+    tell_first_motion(recording, perceiver, settings.fast)
     for moment in moments(recording, perceiver, imu):
         three.step(moment)
         if stretches is not None:

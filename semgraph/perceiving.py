@@ -85,6 +85,11 @@ class Perceiver:
         return self._filters
 
     @property
+    def deskews(self) -> bool:
+        """Whether what scans show depends on how base moves."""
+        return self._deskew is not None
+
+    @property
     def events(self) -> tuple[str, ...]:
         """What was changed while running, and which detectors were left out."""
         return (*self._changes, *self._bank.faults)

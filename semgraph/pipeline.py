@@ -1,7 +1,6 @@
 """The loop: measurements in, a followed and smoothed run out. It knows all stages, no device."""
 
 import time
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,9 +12,9 @@ from semgraph.estimates import Trajectory
 from semgraph.fast_estimator import FastEstimator, FastStep
 from semgraph.files.run_log import LogRecorder
 from semgraph.files.yaw_rates import YawRateLog
-from semgraph.geometry import Pose2, UncertainPose2
-from semgraph.landmarks import Perceptions, concatenate
-from semgraph.motion_model import OdometryAccumulator
+from semgraph.first_motion import tell_first_motion
+from semgraph.geometry import Pose2
+from semgraph.moments import Moment, moments
 from semgraph.navigation_map import NavigationMap
 from semgraph.ordering import InOrder
 from semgraph.pacing import Pace
@@ -24,27 +23,7 @@ from semgraph.progress import Report
 from semgraph.results import RunResult
 from semgraph.settings import Settings
 from semgraph.trace import Trace
-from sensors.measurements import ImuSample, Measurement, Raw, Recording, WheelOdometry
-from sensors.views import View
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Moment:
-    """What the estimators see at one time, relative to base.
-
-    Attributes:
-        perceptions: of all sensors.
-        odometry: the wheels' motion since the moment before; None without wheels.
-        views: how far lasers saw.
-        measurements: what was perceived in.
-        odom_T_base: by the wheels; None without.
-    """
-
-    perceptions: Perceptions
-    odometry: UncertainPose2 | None
-    views: tuple[View, ...]
-    measurements: tuple[Raw, ...]
-    odom_T_base: Pose2 | None
+from sensors.measurements import Recording
 
 
 def run(
@@ -78,6 +57,7 @@ def run(
     tracker = FastEstimator(settings.tracker, recording.map_T_start)
     graph = graph or GraphInProcess(settings.smoother, recording.map_T_start)
     recorder = LogRecorder(settings.smoother.start(recording.map_T_start))
+    tell_first_motion(recording, perceiver, settings.fast)
     imu, ordered = YawRateLog(), InOrder(recording.measurements)
     for moment in moments(replace(recording, measurements=ordered), perceiver, imu, pace):
         seen, odom_T_base = moment.perceptions, moment.odom_T_base
@@ -159,66 +139,3 @@ class _Fast:
         """Of all steps."""
         poses = [pose.as_array() for pose in self._poses]
         return Trajectory(np.array(self._stamps_ns), np.array(poses))
-
-
-def moments(
-    recording: Recording, perceiver: Perceiver, imu: YawRateLog, pace: Pace | None = None
-) -> Iterator[Moment]:
-    """What the estimators see, moment by moment; `imu` gathers the yaw rates.
-
-    A moment is there with the last of its measurements, not only once the next one's time has come.
-
-    Raises:
-        InputError: a measurement, and no detector for it.
-    """
-    noise = recording.odometry_noise
-    wheels = OdometryAccumulator(noise) if noise is not None else None
-    now = _Now()
-    for measurement, next_ns in _with_next(recording.measurements):
-        if pace is not None:
-            pace.wait(measurement.stamp_ns)
-        if isinstance(measurement, WheelOdometry) and wheels is not None:
-            wheels.add(measurement)
-            now.odom_T_base = measurement.odom_T_base
-        elif isinstance(measurement, ImuSample):
-            perceiver.lean(measurement)
-            imu.add(measurement.stamp_ns, measurement.yaw_rate)
-        elif isinstance(measurement, Perceptions):
-            now.parts.append(measurement)
-        elif isinstance(measurement, Raw):
-            perceived = perceiver.perceive(measurement)
-            now.parts.append(perceived.perceptions)
-            now.measurements.append(measurement)
-            if perceived.view is not None:
-                now.views.append(perceived.view)
-        if now.parts and next_ns != now.parts[0].stamp_ns:
-            yield now.take(wheels)
-
-
-def _with_next(measurements: Iterable[Measurement]) -> Iterator[tuple[Measurement, int | None]]:
-    """Each measurement with the stamp of the one after it; None after the last."""
-    last: Measurement | None = None
-    for measurement in measurements:
-        if last is not None:
-            yield last, measurement.stamp_ns
-        last = measurement
-    if last is not None:
-        yield last, None
-
-
-@dataclass(slots=True)
-class _Now:
-    """What the sensors showed at one time."""
-
-    parts: list[Perceptions] = field(default_factory=list)
-    views: list[View] = field(default_factory=list)
-    measurements: list[Raw] = field(default_factory=list)
-    odom_T_base: Pose2 | None = None
-
-    def take(self, wheels: OdometryAccumulator | None) -> Moment:
-        """All of it, and the motion up to now."""
-        parts, views, measurements = self.parts, tuple(self.views), tuple(self.measurements)
-        self.parts, self.views, self.measurements = [], [], []
-        perceptions = parts[0] if len(parts) == 1 else concatenate(parts[0].stamp_ns, parts)
-        odometry = wheels.take() if wheels is not None else None
-        return Moment(perceptions, odometry, views, measurements, self.odom_T_base)

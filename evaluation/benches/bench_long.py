@@ -21,8 +21,8 @@ from semgraph.errors import InputError
 from semgraph.fast_estimator import FastEstimator
 from semgraph.files.yaw_rates import YawRateLog
 from semgraph.graph.smoother import Smoother
+from semgraph.moments import Moment, moments
 from semgraph.perceiving import Perceiver
-from semgraph.pipeline import Moment, moments
 from semgraph.settings import Settings
 from sensors.catalog import open_source
 from sensors.measurements import Recording

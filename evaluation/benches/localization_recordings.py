@@ -26,10 +26,10 @@ from semgraph.known_map.fixed_map import FixedMap
 from semgraph.known_map.pose_likelihood import LikelihoodSettings, PoseLikelihood
 from semgraph.landmarks import Kind, Perceptions
 from semgraph.localizer import Localized, Localizer, LocalizerSettings, Start
+from semgraph.moments import moments
 from semgraph.offline.map_growth import Stretches, grow
 from semgraph.particle_filter import FilterSettings, ParticleFilter
 from semgraph.perceiving import Perceiver
-from semgraph.pipeline import moments
 from semgraph.settings import Settings
 from sensors.catalog import open_source
 from sensors.truth import Source, TrueLandmarks

@@ -5,7 +5,7 @@ import numpy as np
 from evaluation.estimators.driving import Step, drive, start_of
 from evaluation.estimators.estimate import Estimate
 from semgraph.errors import InputError
-from semgraph.pipeline import Moment
+from semgraph.moments import Moment
 from semgraph.settings import Settings
 from sensors.truth import Source
 

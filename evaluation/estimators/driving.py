@@ -12,11 +12,12 @@ from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
 from semgraph.files.yaw_rates import YawRateLog
+from semgraph.first_motion import tell_first_motion
 from semgraph.geometry import UncertainPose2
 from semgraph.landmarks import Landmark, Perceptions
+from semgraph.moments import Moment, moments
 from semgraph.ordering import InOrder
 from semgraph.perceiving import Perceiver
-from semgraph.pipeline import Moment, moments
 from semgraph.settings import Settings
 from sensors.measurements import Recording
 from sensors.truth import Source
@@ -101,6 +102,7 @@ def drive(source: Source, settings: Settings, step: Callable[[Moment], Step]) ->
     """
     recording = in_order(source.recording)
     perceiver, said = Perceiver(recording, settings), Drive()
+    tell_first_motion(recording, perceiver, settings.fast)
     for moment in moments(recording, perceiver, YawRateLog()):
         before = time.perf_counter()
         now = step(moment)

@@ -22,7 +22,7 @@ from semgraph.geometry import UncertainPose2, wrap_angle
 from semgraph.graph.smoother import SmootherSettings
 from semgraph.landmarks import LEAST_RANGE_M, Landmark, Perceptions
 from semgraph.measurement_model import mahalanobis2
-from semgraph.pipeline import Moment
+from semgraph.moments import Moment
 from semgraph.settings import Settings
 from sensors.truth import Source
 

@@ -7,7 +7,7 @@ import numpy as np
 from evaluation.estimators.driving import Step, drive
 from evaluation.estimators.estimate import Estimate
 from semgraph.fast_estimator import FastEstimator, FastSettings, Rules
-from semgraph.pipeline import Moment
+from semgraph.moments import Moment
 from semgraph.settings import Settings
 from sensors.truth import Source
 

@@ -15,8 +15,8 @@ from semgraph.estimates import Trajectory
 from semgraph.fast_estimator import FastEstimator, FastStep
 from semgraph.files.run_log import LogRecorder, RunLog
 from semgraph.geometry import Pose2
+from semgraph.moments import Moment
 from semgraph.offline.refining import refine_sessions
-from semgraph.pipeline import Moment
 from semgraph.progress import Silence
 from semgraph.settings import Settings
 from semgraph.smoothed import Smoothed

@@ -16,7 +16,7 @@ from semgraph.geometry import Pose2
 from semgraph.known_map.fixed_map import FixedMap
 from semgraph.landmarks import Kind, Landmark, semantic_object
 from semgraph.localizer import Localizer, Start, Use
-from semgraph.pipeline import Moment
+from semgraph.moments import Moment
 from semgraph.settings import Settings
 from sensors.truth import Source
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from semgraph.fast_estimator import FastSettings
 from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.moments import Moment
 from semgraph.motion_model import MotionNoise, constant_motion
-from semgraph.pipeline import Moment
 
 _KNOWN_START: Final = np.diag([1e-6**2, 1e-6**2, 1e-6**2])
 

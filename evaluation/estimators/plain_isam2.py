@@ -38,7 +38,7 @@ from semgraph.graph.factors import (
 from semgraph.graph.information import Information, marginals
 from semgraph.graph.smoother import SmootherSettings
 from semgraph.landmarks import Landmark, Perceptions
-from semgraph.pipeline import Moment
+from semgraph.moments import Moment
 from semgraph.settings import Settings
 from sensors.truth import Source
 

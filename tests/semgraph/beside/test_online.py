@@ -23,8 +23,9 @@ from semgraph.fast_estimator import FastEstimator, FastStep
 from semgraph.files.yaw_rates import YawRateLog
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions
+from semgraph.moments import moments
 from semgraph.perceiving import Perceiver
-from semgraph.pipeline import moments, run
+from semgraph.pipeline import run
 from semgraph.progress import Silence
 from semgraph.results import RunResult
 from semgraph.settings import Settings

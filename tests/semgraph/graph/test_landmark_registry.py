@@ -10,8 +10,8 @@ from semgraph.graph.landmark_registry import LandmarkRegistry
 from semgraph.graph.loop_closure import Closure
 from semgraph.graph.smoother import Smoother
 from semgraph.landmarks import Kind, Perceptions
+from semgraph.moments import moments
 from semgraph.perceiving import Perceiver
-from semgraph.pipeline import moments
 from semgraph.settings import Settings
 from sensors.simulation.courses.perceptions import CourseOptions, read
 
