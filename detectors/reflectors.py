@@ -70,6 +70,11 @@ class ReflectorSettings(BaseModel):
     reliability: float = Field(default=0.99, gt=0.0, le=1.0)
     single_hit_reliability: float = Field(default=0.97, gt=0.0, le=1.0)
 
+    @property
+    def common_share(self) -> float:
+        """Of the range's variance, what repeats in each sighting of a marker."""
+        return self.range_systematic_m**2 / (self.range_systematic_m**2 + self.range_sigma_m**2)
+
 
 @final
 class ReflectorDetector:
@@ -153,6 +158,7 @@ class ReflectorDetector:
             np.full(narrow.sum(), math.hypot(settings.range_sigma_m, settings.range_systematic_m)),
             bearing_sigmas[narrow],
             reliabilities[narrow],
+            settings.common_share,
         )
 
     def _by_edges(
@@ -200,6 +206,7 @@ def _markers(
     range_sigmas_m: FloatArray,
     bearing_sigmas: FloatArray,
     reliabilities: FloatArray,
+    common_share: float = 0.0,
 ) -> Perceptions:
     return Perceptions.from_arrays(
         stamp_ns,
@@ -208,6 +215,7 @@ def _markers(
         bearings,
         polar_covariances(range_sigmas_m, bearing_sigmas),
         reliabilities=reliabilities,
+        common_shares=np.full(len(ranges_m), common_share),
     )
 
 

@@ -36,6 +36,13 @@ class TreeSettings(BaseModel):
     diameter_min_m: float = Field(default=0.08, gt=0.0)
     diameter_max_m: float = Field(default=0.75, gt=0.0)
     radius_prior_m: tuple[float, float] = Field(default=(0.13, 0.15), description="mean and sigma")
+    common_share: float = Field(
+        default=0.2,
+        ge=0.0,
+        le=1.0,
+        description="of the range's variance: what all sightings of a trunk have in common, since "
+        "its radius is taken for too small or too large; simulated, 0.02 near and 0.19 at 20 m",
+    )
     max_misfit: float = Field(default=3.0, gt=0.0, description="chi-square per residual")
     min_reliability: float = Field(default=0.2, ge=0.0, le=1.0)
 

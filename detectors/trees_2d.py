@@ -55,6 +55,7 @@ class TreeDetector:
             diameters_m=diameters_m[kept],
             diameter_sigmas_m=2.0 * np.sqrt(circles.covariances[kept, 2, 2]),
             reliabilities=reliabilities[kept],
+            common_shares=np.full(kept.sum(), settings.common_share),
         )
 
 

@@ -113,6 +113,7 @@ class Tree3dDetector:
             diameters_m=axes.diameters_m[kept],
             diameter_sigmas_m=axes.diameter_sigmas_m[kept],
             reliabilities=axes.reliabilities[kept],
+            common_shares=np.full(kept.sum(), settings.common_share),
         )
 
 

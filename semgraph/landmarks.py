@@ -165,6 +165,8 @@ class Perceptions:
         diameters_m, diameter_sigmas_m: (n,) NaN where there is none.
         identities: (n,) text, empty where there is none.
         reliabilities: (n,) in [0, 1].
+        common_shares: (n,) in [0, 1], of the range's variance: what all sightings of the thing have
+            in common, from whichever side.
 
     Raises:
         InputError: shapes disagree, or a value is out of its domain.
@@ -179,6 +181,7 @@ class Perceptions:
     diameter_sigmas_m: FloatArray
     identities: NDArray[np.str_]
     reliabilities: FloatArray
+    common_shares: FloatArray
 
     def __post_init__(self) -> None:
         n = len(self.ranges_m)
@@ -192,6 +195,7 @@ class Perceptions:
                 "diameter sigmas", self.diameter_sigmas_m, (n,), finite=False
             ),
             "reliabilities": frozen_floats("reliabilities", self.reliabilities, (n,)),
+            "common_shares": frozen_floats("common shares", self.common_shares, (n,)),
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
@@ -216,6 +220,9 @@ class Perceptions:
             and np.isfinite(sigmas).all(),
             "reliabilities: expected 0 to 1": (
                 (self.reliabilities >= 0.0) & (self.reliabilities <= 1.0)
+            ).all(),
+            "common shares: expected 0 to 1": (
+                (self.common_shares >= 0.0) & (self.common_shares <= 1.0)
             ).all(),
             "identities: expected one text each": self.identities.shape == self.ranges_m.shape,
         }
@@ -258,8 +265,12 @@ class Perceptions:
         diameter_sigmas_m: FloatArray | None = None,
         identities: NDArray[np.str_] | None = None,
         reliabilities: FloatArray | None = None,
+        common_shares: FloatArray | None = None,
     ) -> Self:
-        """Perceptions of the arrays at hand; what is left out is absent (reliability: 1)."""
+        """Perceptions of the arrays at hand; what is left out is absent.
+
+        Reliabilities are 1 then, and no errors are common.
+        """
         n = len(ranges_m)
         nothing = np.full(n, np.nan)
         return cls(
@@ -272,6 +283,7 @@ class Perceptions:
             nothing if diameter_sigmas_m is None else diameter_sigmas_m,
             np.full(n, "", dtype=np.str_) if identities is None else identities,
             np.ones(n) if reliabilities is None else reliabilities,
+            np.zeros(n) if common_shares is None else common_shares,
         )
 
     def select(self, rows: NDArray[np.bool_] | IntArray) -> "Perceptions":
@@ -286,6 +298,7 @@ class Perceptions:
             self.diameter_sigmas_m[rows],
             self.identities[rows],
             self.reliabilities[rows],
+            self.common_shares[rows],
         )
 
     def base_t_landmarks(self) -> FloatArray:
@@ -323,6 +336,7 @@ class Perceptions:
             rest.diameter_sigmas_m,
             rest.identities,
             rest.reliabilities,
+            rest.common_shares,
         )
 
 

@@ -21,7 +21,7 @@ PERCEPTIONS_FILE = "perceptions.csv"
 PERCEPTION_COLUMNS = ("stamp_s", "kind", "range_m", "bearing_rad")
 OPTIONAL_PERCEPTION_COLUMNS = (
     *("range_sigma_m", "bearing_sigma_rad", "diameter_m", "diameter_sigma_m"),
-    *("identity", "reliability"),
+    *("identity", "reliability", "common_share"),
 )
 
 DIAMETER_SIGMA_OF_LN = 0.24
@@ -90,7 +90,8 @@ def _all_perceptions(
         diameters_m[has],
         diameter_sigmas_m[has],
         _identities(table)[has],
-        _reliabilities(table)[has],
+        _share(table, "reliability", 1.0)[has],
+        _share(table, "common_share", 0.0)[has],
     )
 
 
@@ -116,12 +117,13 @@ def _identities(table: TextTable) -> NDArray[np.str_]:
     return np.array(names, dtype=np.str_)
 
 
-def _reliabilities(table: TextTable) -> FloatArray:
-    if "reliability" not in table.columns:
-        return np.ones(len(table))
-    values = table.numbers("reliability", at_most=1.0, or_none=True)
-    table.refuse(values < 0.0, "reliability", "a number from 0 to 1")
-    return np.where(np.isnan(values), 1.0, values)
+def _share(table: TextTable, name: str, default: float) -> FloatArray:
+    """(n,) a column of numbers from 0 to 1; the default where the column or the cell is empty."""
+    if name not in table.columns:
+        return np.full(len(table), default)
+    values = table.numbers(name, at_most=1.0, or_none=True)
+    table.refuse(values < 0.0, name, "a number from 0 to 1")
+    return np.where(np.isnan(values), default, values)
 
 
 def write_perceptions(file: Path, sets: Iterable[Perceptions]) -> None:
@@ -154,6 +156,7 @@ def perception_rows(perceptions: Perceptions) -> Iterator[Row]:
             number_or_blank(float(perceptions.diameter_sigmas_m[k])),
             str(perceptions.identities[k]),
             float(perceptions.reliabilities[k]),
+            float(perceptions.common_shares[k]),
         )
 
 

@@ -28,6 +28,8 @@ _SEEN: Final = (
     *("kinds", "ranges_m", "bearings", "covariances", "diameters_m", "diameter_sigmas_m"),
     "reliabilities",
 )
+# Earlier logs have none.
+_COMMON_SHARES: Final = "common_shares"
 _VIEWS: Final = ("view_scans", "view_sensors", "view_beams", "view_num_beams", "view_clear_m")
 _ARRAYS: Final = (
     *("stamps_ns", "map_T_bases", "start", "start_covariance", "motions", "motion_covariances"),
@@ -152,7 +154,7 @@ def write_log(path: Path, log: RunLog) -> None:
         "view_beams": np.array([[view.first, view.increment] for view in views]).reshape(-1, 2),
         "view_num_beams": np.array([len(view.clear_m) for view in views], dtype=np.int64),
         "view_clear_m": np.concatenate(beams).astype(np.float32),
-        **{name: getattr(log.seen, name) for name in _SEEN},
+        **{name: getattr(log.seen, name) for name in (*_SEEN, _COMMON_SHARES)},
     }
     try:
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -169,7 +171,7 @@ def read_log(path: Path) -> RunLog:
     Raises:
         InputError: there is none, it is damaged or too big, or holds what no run could log.
     """
-    arrays = load_npz(path, _ARRAYS)
+    arrays = load_npz(path, _ARRAYS, (_COMMON_SHARES,))
     try:
         return _log(arrays)
     except (InputError, ValueError, TypeError, OverflowError) as error:
@@ -182,6 +184,7 @@ def _log(arrays: Mapping[str, NDArray[Any]]) -> RunLog:
         Pose2.from_array(frozen_floats("start", arrays["start"], (3,))), arrays["start_covariance"]
     )
     columns = {name: arrays[name] for name in _SEEN}
+    columns[_COMMON_SHARES] = arrays.get(_COMMON_SHARES, np.zeros(m))
     columns["kinds"] = frozen_ints("kinds", columns["kinds"], (m,))
     seen = Perceptions(stamp_ns=0, identities=_identities(arrays, m), **columns)
     return RunLog(

@@ -177,7 +177,7 @@ def _normal_equations(
     m, n = len(stretch.motions), len(first_t_things)
     poses, things = stretch.poses - 1, stretch.things
     by_start, by_end, of_motions = _motions(stretch, first_T_bases)
-    by_pose, by_thing, of_sightings = _sightings(stretch, first_T_bases, first_t_things)
+    by_pose, by_thing, of_sightings = whitened_sightings(stretch, first_T_bases, first_t_things)
     of_poses, of_things, mixed = np.zeros((m, 3, 3)), np.zeros((n, 2, 2)), np.zeros((m, n, 3, 2))
     np.add.at(of_poses, poses, _squared(by_pose, by_pose))
     np.add.at(of_things, things, _squared(by_thing, by_thing))
@@ -245,7 +245,7 @@ def adjoints_of_inverse(a_T_b: FloatArray) -> FloatArray:
     return adjoints
 
 
-def _sightings(
+def whitened_sightings(
     stretch: Stretch, first_T_bases: FloatArray, first_t_things: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """By pose (s, 2, 3), by thing (s, 2, 2) and errors (s, 2), whitened.

@@ -40,8 +40,8 @@ class Covariances:
         """
         try:
             if len(keys) > 1 and self._is_dense():
-                information = self._information()
-                return information.covariance(np.concatenate([self._columns[k] for k in keys]))
+                information, columns = self.information()
+                return information.covariance(np.concatenate([columns[k] for k in keys]))
         except GraphError as error:
             self._incidents.append(f"covariance by iSAM2: {error}")
         return self._isam.covariance(keys)
@@ -66,8 +66,8 @@ class Covariances:
             self._num_columns is not None and self._isam.num_entries >= _DENSE * self._num_columns
         )
 
-    def _information(self) -> Information:
-        """Of all variables; made when it is first asked for.
+    def information(self) -> tuple[Information, dict[int, IntArray]]:
+        """Of all variables, and the columns of each key; made when it is first asked for.
 
         Raises:
             GraphError: the graph is singular.
@@ -75,4 +75,4 @@ class Covariances:
         if self._factored is None:
             jacobian, self._columns = self._isam.jacobian()
             self._factored = Information(jacobian)
-        return self._factored
+        return self._factored, self._columns

@@ -27,7 +27,7 @@ class Sighting:
     """One bearing-range factor: pose `pose` saw landmark `landmark`.
 
     `covariance` (2, 2) is of (range, bearing), `track` tells the stretch of sightings that it came
-    with.
+    with, `common_share` how much of the range's variance all sightings of the landmark share.
     """
 
     pose: int
@@ -36,6 +36,7 @@ class Sighting:
     bearing: float
     covariance: FloatArray
     track: int = -1
+    common_share: float = 0.0
 
     @classmethod
     def of(
@@ -50,6 +51,7 @@ class Sighting:
             float(perceptions.bearings[row]),
             perceptions.covariances[row] / reliability,
             track,
+            float(perceptions.common_shares[row]),
         )
 
 

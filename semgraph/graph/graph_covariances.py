@@ -8,9 +8,11 @@ import numpy as np
 from semgraph.arrays import FloatArray
 from semgraph.errors import GraphError
 from semgraph.geometry import rotation
+from semgraph.graph.common_errors import CommonErrors, Ranges
 from semgraph.graph.condensation import linearized
 from semgraph.graph.covariances import Covariances
 from semgraph.graph.factors import landmark_key, pose_key
+from semgraph.graph.graph_log import NOWHERE
 from semgraph.graph.graph_solver import GraphSolver
 from semgraph.graph.incremental import NoCovarianceError
 from semgraph.graph.pieces import Piece, covariance_by
@@ -64,9 +66,10 @@ class GraphCovariances:
         return self.of_landmarks_together(landmarks) if found is None else found
 
     def of_landmarks(self, landmarks: Sequence[int]) -> FloatArray:
-        """(n, 2, 2) marginal covariance of each landmark, in map."""
+        """(n, 2, 2) marginal covariance of each landmark, in map; with errors in common."""
         keys = [landmark_key(landmark) for landmark in landmarks]
-        return self._sure(lambda known: known.marginals(keys, 2))
+        covariances = self._sure(lambda known: known.marginals(keys, 2))
+        return covariances + self._added(keys, 2)[0]
 
     def given_last_pose(self, landmarks: Sequence[int]) -> FloatArray:
         """(n, 2, 2) of each landmark in the last pose's frame, as if that pose were known."""
@@ -93,24 +96,63 @@ class GraphCovariances:
         return self._of_poses[index]
 
     def of_poses(self, indices: Sequence[int]) -> FloatArray:
-        """(n, 3, 3) marginal covariance of each pose, (x, y, theta) in its own frame."""
+        """(n, 3, 3) marginal covariance of each pose, in its own frame; with errors in common."""
         self._uncondense(indices)
         keys = [pose_key(index) for index in indices]
-        return self._sure(lambda known: known.marginals(keys, 3))
+        covariances = self._sure(lambda known: known.marginals(keys, 3))
+        return covariances + self._added(keys, 3)[0]
 
     def of_chain(self) -> tuple[FloatArray, FloatArray]:
         """(n, 3, 3) marginal covariance of each pose, and of each with the one after it.
 
-        Each in its own frame; after the last pose there is none, the cross covariance is 0.
+        Each in its own frame; after the last pose there is none, the cross covariance is 0. With
+        errors in common.
         """
         indices = range(self._solver.log.num_poses)
         self._uncondense(indices)
         keys = [pose_key(index) for index in indices]
-        return self._sure(lambda known: known.chain(keys))
+        covariances, crosses = self._sure(lambda known: known.chain(keys))
+        own, added = self._added(keys, 3)
+        return covariances + own, crosses + added
 
     def joint(self, keys: Sequence[int]) -> FloatArray:
         """Of any variables together, by their keys."""
         return self._sure(lambda known: known.joint(keys))
+
+    def _added(self, keys: Sequence[int], size: int) -> tuple[FloatArray, FloatArray]:
+        """(n, size, size) that errors in common add to each variable, and to each with the next.
+
+        Nothing while stretches are condensed: the sightings in those are no more.
+        """
+        log = self._solver.log
+        rows = np.flatnonzero((log.common_shares > 0.0) & (log.landmarks != NOWHERE))
+        if not len(rows) or not keys or len(self._solver.windows):
+            nothing = np.zeros((len(keys), size, size))
+            return nothing, nothing
+        try:
+            information, columns = self._covariances.information()
+        except GraphError as error:
+            self._solver.incidents.append(f"covariances without errors in common: {error}")
+            nothing = np.zeros((len(keys), size, size))
+            return nothing, nothing
+        names, things = np.unique(log.landmarks[rows], return_inverse=True)
+        landmarks = names.tolist()
+        ranges = Ranges(
+            self._solver.poses(np.arange(log.num_poses)),
+            self._places(landmarks),
+            log.poses[rows],
+            things,
+            log.polar[rows],
+            log.covariances(rows),
+            log.common_shares[rows].astype(np.float64),
+        )
+        common = CommonErrors(
+            information,
+            ranges,
+            np.array([columns[pose_key(pose)] for pose in range(log.num_poses)]),
+            np.array([columns[landmark_key(landmark)] for landmark in landmarks]),
+        )
+        return common.added(np.array([columns[key] for key in keys]))
 
     def _piece(self, number: int) -> Piece:
         """A window where it is now."""

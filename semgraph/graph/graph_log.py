@@ -51,6 +51,7 @@ class GraphLog:
         landmarks: (m,) that each is of now; -1 where that was taken out.
         polar: (m, 2) range and bearing.
         covariances: (m, 2, 2) of those.
+        common_shares: (m,) of the ranges' variances.
     """
 
     def __init__(self, start: UncertainPose2) -> None:
@@ -58,6 +59,7 @@ class GraphLog:
         self._motions, self._motion_covariances = Growing((3,)), Growing((3, 3))
         self._poses, self._tracks, self._landmarks = (Growing((), np.int32) for _ in range(3))
         self._polar, self._covariances = Growing((2,)), Growing((3,))
+        self._common_shares = Growing((), np.float32)
         self._rows: dict[int, array[int]] = {}
         # How many sightings there were when a pose came: its own are later ones.
         self._num_before = array("i", [0])
@@ -99,6 +101,11 @@ class GraphLog:
         """(m, 2)."""
         return self._polar.rows
 
+    @property
+    def common_shares(self) -> FloatArray:
+        """(m,)."""
+        return self._common_shares.rows
+
     def covariances(self, rows: IntArray) -> FloatArray:
         """(k, 2, 2) of some sightings."""
         return self._covariances.rows[rows][:, [[0, 1], [1, 2]]]
@@ -130,6 +137,7 @@ class GraphLog:
         self._tracks.append(sighting.track)
         self._polar.append((sighting.range_m, sighting.bearing))
         self._covariances.append((a, b, d))
+        self._common_shares.append(sighting.common_share)
         row = self._landmarks.append(sighting.landmark)
         self._rows[sighting.landmark].append(row)
         return row
@@ -145,6 +153,7 @@ class GraphLog:
             bearing,
             np.array([[a, b], [b, d]]),
             int(self._tracks.rows[row]),
+            float(self._common_shares.rows[row]),
         )
 
     def sighted(self, landmark: int) -> Sighted:

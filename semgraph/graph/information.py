@@ -90,6 +90,11 @@ class Information:
         except RuntimeError as error:
             raise GraphError(f"no covariance: {error}") from error
 
+    @property
+    def num_columns(self) -> int:
+        """Of all variables."""
+        return len(self._scale)
+
     def covariance(self, columns: IntArray) -> FloatArray:
         """(k, k) covariance of some of the variables together.
 
@@ -98,6 +103,11 @@ class Information:
         """
         unit = _unit(len(self._scale), columns)
         return _definite(self._factors.solve(unit)[columns], self._scale[columns])
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """(n, k) the covariance times (n, k)."""
+        scale = self._scale[:, None]
+        return np.asarray(scale * self._factors.solve(scale * right))
 
 
 def _scale(diagonal: FloatArray) -> FloatArray:

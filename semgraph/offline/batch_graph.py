@@ -17,6 +17,7 @@ from gtsam.symbol_shorthand import L, X
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import GraphError
 from semgraph.geometry import UncertainPose2
+from semgraph.graph.common_errors import CommonErrors, Ranges
 from semgraph.graph.factors import (
     Odometry,
     Sighting,
@@ -125,12 +126,14 @@ class BatchGraph:
         return self._joint([L(landmark) for landmark in landmarks])
 
     def landmark_covariances(self, landmarks: Sequence[int]) -> FloatArray:
-        """(n, 2, 2) marginal covariance of each landmark, in map."""
-        return marginals(self._joint, [L(landmark) for landmark in landmarks], 2)
+        """(n, 2, 2) marginal covariance of each landmark, in map; with errors in common."""
+        keys = [L(landmark) for landmark in landmarks]
+        return marginals(self._joint, keys, 2) + self._added(keys, 2)
 
     def pose_covariances(self) -> FloatArray:
-        """(n, 3, 3) of the poses in the graph, (x, y, theta) in each one's own frame."""
-        return marginals(self._joint, [X(link.end) for link in self._links], 3)
+        """(n, 3, 3) of the poses in the graph, each in its own frame; with errors in common."""
+        keys = [X(link.end) for link in self._links]
+        return marginals(self._joint, keys, 3) + self._added(keys, 3)
 
     def _ordered(self) -> gtsam.Ordering:
         """Dissecting the loops of a drive leaves a third less to do than COLAMD.
@@ -207,10 +210,44 @@ class BatchGraph:
         return np.concatenate([now.fit(self._batch)[self._rows], moved2])
 
     def _joint(self, keys: Sequence[int]) -> FloatArray:
+        columns = np.concatenate([self._columns_of(key) for key in keys])
+        return self._information().covariance(columns)
+
+    def _added(self, keys: Sequence[int], size: int) -> FloatArray:
+        """(n, size, size) that errors in common add to each variable."""
+        seen, of_landmarks = self._batch.seen, self._belief.landmarks
+        which = np.flatnonzero(seen.common_shares[self._rows] > 0.0)
+        rows, now = self._rows[which], self.estimate()
+        if not len(rows) or not keys:
+            return np.zeros((len(keys), size, size))
+        scans, poses = np.unique(self._batch.scans[rows], return_inverse=True)
+        names, things = np.unique(of_landmarks[rows], return_inverse=True)
+        ranges = Ranges(
+            now.map_T_bases[scans],
+            now.places(names),
+            poses,
+            things,
+            np.column_stack([seen.ranges_m, seen.bearings])[rows],
+            self._batch.covariances[rows] / self._weights[which, None, None],
+            seen.common_shares[rows],
+        )
+        common = CommonErrors(
+            self._information(),
+            ranges,
+            np.array([self._columns_of(X(scan)) for scan in scans.tolist()]),
+            np.array([self._columns_of(L(name)) for name in names.tolist()]),
+        )
+        return common.added(np.array([self._columns_of(key) for key in keys]))[0]
+
+    def _information(self) -> Information:
         if self._factored is None:
             jacobian, self._columns = whitened(self._graph.linearize(self._values))
             self._factored = Information(jacobian)
-        return self._factored.covariance(np.concatenate([self._columns[key] for key in keys]))
+        return self._factored
+
+    def _columns_of(self, key: int) -> IntArray:
+        self._information()
+        return self._columns[key]
 
 
 def _tls_weights(distances2: FloatArray, mu: float) -> FloatArray:

@@ -39,6 +39,7 @@ def columns(n: int = 3) -> dict[str, Any]:
         "diameter_sigmas_m": np.where(np.arange(n) % 2, np.nan, 0.03),
         "identities": np.array([f"tag {k}" if k % 3 == 2 else "" for k in range(n)], dtype=np.str_),
         "reliabilities": np.linspace(0.0, 1.0, n),
+        "common_shares": np.linspace(0.0, 0.5, n),
     }
 
 

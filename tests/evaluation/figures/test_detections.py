@@ -41,6 +41,7 @@ FOUND = Perceptions(
     np.array([0.02, 0.1, np.nan, np.nan]),
     np.array(["", "", "17", "$\\x$"]),
     np.ones(4),
+    np.zeros(4),
 )
 
 
