@@ -18,6 +18,7 @@ from evaluation.consistency import bounds_of_mean, gauge, landmark_nees, pose_ne
 from evaluation.landmarks import compare_map
 from evaluation.oracle import Oracle, oracle
 from evaluation.trajectory import compare_path, rmse
+from semgraph.arrays import IntArray
 from semgraph.results import RunResult
 from semgraph.settings import Settings
 from sensors.truth import Source
@@ -26,6 +27,7 @@ Options = Mapping[str, object]
 
 STEM_MAPS: Final = Path("stem_maps")
 _ROUND: Final = "course:perceptions"
+_SCANS: Final = "course:paper"
 _EIGHT: Final = "course:eight"
 _WIDE: Final = {"track_radius_m": 60.0, "num_trees": 200, "max_range_m": 15.0, "lap_s": 135.0}
 _ODOMETRY: Final = {"odometry": True}
@@ -69,15 +71,19 @@ def outcome(source: Source, result: RunResult, best: Oracle) -> Outcome:
         float(np.nanmean(landmark_nees(result.landmarks, true, errors, start))),
         len(result.landmarks),
         len(errors.duplicates),
-        num_mixed(source, result),
+        num_mixed(best.associations, result),
         sum(event.startswith("loop closed") for event in result.events),
     )
 
 
-def num_mixed(source: Source, result: RunResult) -> int:
-    """How many landmarks of the map hold three sightings or more of a second true one."""
+def num_mixed(truly: Mapping[int, IntArray], result: RunResult) -> int:
+    """How many landmarks of the map hold three sightings or more of a second true one.
+
+    Args:
+        truly: by stamp, the true landmark of each perception (n,), -1 for none.
+        result: of a run over the same perceptions.
+    """
     counts: dict[int, dict[int, int]] = {landmark.id: {} for landmark in result.landmarks}
-    truly = known(source.truth.associations)
     for stamp_ns, landmarks in result.associations.items():
         for landmark, row in zip(landmarks.tolist(), truly[stamp_ns].tolist(), strict=True):
             if landmark in counts and row >= 0:
@@ -192,6 +198,7 @@ def courses(data: Path) -> tuple[Section, ...]:
     return (
         _beside("paper, no odometry", 1.0, _ROUND),
         _beside("paper, odometry", 1.0, _ROUND, _ODOMETRY),
+        _beside("scans of paper, no odometry", 10.0, _SCANS),
         _beside("wide, no odometry", 1.6, _ROUND, _WIDE),
         _beside("wide, odometry", 1.6, _ROUND, _WIDE, _ODOMETRY),
         _beside("eight longleaf, no odometry", 4.5, _EIGHT, longleaf),

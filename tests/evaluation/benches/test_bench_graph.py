@@ -15,7 +15,7 @@ from evaluation.benches.bench_graph import (
     outcome,
     sections,
 )
-from evaluation.benches.bench_runs import run_course
+from evaluation.benches.bench_runs import known, run_course
 from evaluation.oracle import oracle
 from semgraph.progress import Silence
 from semgraph.results import RunResult
@@ -51,14 +51,14 @@ def test_associations_are_right_and_a_wrong_merge_is_counted(
     short: tuple[Source, RunResult],
 ) -> None:
     source, result = short
-    assert num_mixed(source, result) == 0
+    assert num_mixed(known(source.truth.associations), result) == 0
     assert len(result.associations) == result.num_scans
     one, other = (landmark.id for landmark in result.landmarks[:2])
     mixed = {
         stamp_ns: np.where(landmarks == other, one, landmarks)
         for stamp_ns, landmarks in result.associations.items()
     }
-    assert num_mixed(source, replace(result, associations=mixed)) == 1
+    assert num_mixed(known(source.truth.associations), replace(result, associations=mixed)) == 1
 
 
 def test_rows_tell_good_outcomes_from_bad_ones() -> None:
