@@ -12,13 +12,12 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from semgraph.arrays import FloatArray, IntArray
-from semgraph.geometry import UncertainPose2, wrap_angle
+from semgraph.geometry import UncertainPose2, composed_poses, wrap_angle
 from semgraph.known_map.belief import Belief, Region
 from semgraph.known_map.likelihood_field import Seen
 from semgraph.known_map.particles import (
     Gaussian,
     Particles,
-    compose,
     evenly_within,
     importance_samples,
     kld_number,
@@ -200,8 +199,10 @@ class ParticleFilter:
         noise = self._rng.multivariate_normal(
             np.zeros(3), motion.covariance, len(self._particles), method="eigh"
         )
-        moved = compose(np.broadcast_to(motion.pose.as_array(), noise.shape), noise)
-        self._particles = Particles(compose(self._particles.poses, moved), self._particles.weights)
+        moved = composed_poses(np.broadcast_to(motion.pose.as_array(), noise.shape), noise)
+        self._particles = Particles(
+            composed_poses(self._particles.poses, moved), self._particles.weights
+        )
         self._elsewhere.move(motion.pose, self._settings.carried_off + leaps)
         sigma_m = float(np.sqrt(np.linalg.eigvalsh(motion.covariance[:2, :2])[-1]))
         if sigma_m > _UNTRACKED_M:

@@ -168,19 +168,6 @@ def importance_samples(
     return poses, log_weights
 
 
-def compose(a_T_b: FloatArray, b_T_c: FloatArray) -> FloatArray:
-    """a_T_c (n, 3) of rows a_T_b and b_T_c (n, 3)."""
-    c, s = np.cos(a_T_b[:, 2]), np.sin(a_T_b[:, 2])
-    x, y, theta = b_T_c.T
-    return np.column_stack(
-        [
-            a_T_b[:, 0] + c * x - s * y,
-            a_T_b[:, 1] + s * x + c * y,
-            wrap_angle(a_T_b[:, 2] + theta),
-        ]
-    )
-
-
 def log_sum(logs: FloatArray) -> float:
     """Log of the sum of what these (n,) are the logs of; n above 0, not all of nothing."""
     largest = float(logs.max())
