@@ -147,6 +147,7 @@ class ParticleFilter:
         motion: UncertainPose2,
         lately: Perceptions | None = None,
         leaps: float = 0.0,
+        share_confirmed: float = 0.0,
     ) -> Belief:
         """The belief after a motion last_T_current and what is perceived then.
 
@@ -156,6 +157,7 @@ class ParticleFilter:
             lately: all that was seen lately, each thing once, relative to base now; what is
                 perceived now where there is no more.
             leaps: the probability that it was no such motion but a leap to somewhere near.
+            share_confirmed: of what is perceived, that is seen for the second time lately.
         """
         self._move(motion, leaps)
         self._proposed = None
@@ -164,7 +166,7 @@ class ParticleFilter:
             evidence = 0.0
             if self._follows:
                 evidence = self._evidence(self._likelihood.see(perceptions), leaps)
-                self._elsewhere.weigh(evidence)
+                self._elsewhere.weigh(evidence, share_confirmed)
             if self._elsewhere.probability > _PROPOSED_ABOVE or evidence < 0.0:
                 self._propose(perceptions if lately is None else lately)
         return self.belief(perceptions.stamp_ns)
