@@ -66,8 +66,9 @@ def align(
     if n < 2:
         return NoEstimate(NoEstimateReason.TOO_FEW_MATCHES)
     weights = 1.0 / variances if solve is Solve.RIGID else np.ones(len(variances))
-    p_mean = np.average(base_t_landmarks, axis=0, weights=weights)
-    l_mean = np.average(map_t_landmarks, axis=0, weights=weights)
+    p_mean, l_mean = (
+        weights @ each / weights.sum() for each in (base_t_landmarks, map_t_landmarks)
+    )
     p, q = base_t_landmarks - p_mean, map_t_landmarks - l_mean
     spread = float(weights @ (p**2).sum(axis=1))
     cosine = float(weights @ (p * q).sum(axis=1))
@@ -104,7 +105,7 @@ def pose_information(base_t_landmarks: FloatArray, weights: FloatArray) -> Float
     From d(R p + t) = R (dt + dtheta (-p_y, p_x)).
     """
     J = point_jacobians(base_t_landmarks)
-    information: FloatArray = np.einsum("nik,nij,njl->kl", J, weights, J)
+    information: FloatArray = (J.transpose(0, 2, 1) @ weights @ J).sum(axis=0)
     return information
 
 
@@ -135,16 +136,18 @@ def fuse_with_prior(
 
     Source: Gauss-Newton on SE(2); for one landmark it is what the closed form cannot give.
     """
-    poses, covariances = fuse_with_priors(
-        map_T_base.as_array()[None],
-        prior.pose.as_array()[None],
-        prior.covariance,
-        np.zeros(len(base_t_landmarks), dtype=np.int64),
-        base_t_landmarks,
-        map_t_landmarks,
-        base_covariances,
-    )
-    return UncertainPose2(Pose2.from_array(poses[0]), covariances[0])
+    J = point_jacobians(base_t_landmarks)
+    JT_W = J.transpose(0, 2, 1) @ np.linalg.inv(base_covariances)
+    prior_information = np.linalg.inv(prior.covariance)
+    covariance = np.linalg.inv(prior_information + (JT_W @ J).sum(axis=0))
+    flat = JT_W.transpose(1, 0, 2).reshape(3, -1)
+    pose = map_T_base
+    for _ in range(3):
+        residuals = pose.inverse().transform(map_t_landmarks) - base_t_landmarks
+        to_prior = pose.between(prior.pose).as_array()
+        gradient = flat @ residuals.ravel() + prior_information @ to_prior
+        pose = pose @ Pose2.from_array(covariance @ gradient)
+    return UncertainPose2(pose, covariance)
 
 
 def fuse_with_priors(

@@ -226,9 +226,8 @@ class Localizer:
         pose = posterior.pose.as_array()[None]
         at_best = float(self._likelihood.log_likelihoods(seen, pose)[0])
         wide, narrow = Gaussian.of_pose(prior), Gaussian.of_pose(posterior)
-        volume = -float(narrow.log_densities(narrow.mean[None])[0])
-        by_numbers = self._filter.by_numbers(narrow.mean)
-        return at_best + volume + float(wide.log_densities(pose)[0]) + by_numbers
+        of_motion = float(wide.log_densities(pose)[0]) - narrow.log_peak()
+        return at_best + of_motion + self._filter.by_numbers(narrow.mean)
 
     def _search(
         self,
