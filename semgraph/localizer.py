@@ -206,7 +206,7 @@ class Localizer:
         step = self._fast.step(perceptions, motion)
         prior = last.map_T_base @ motion
         self._elsewhere.move(motion.pose, self._settings.particles.carried_off + leaps)
-        self._filter.usual.add(perceptions.ranges_m)
+        self._filter.usual.add(perceptions.ranges_m, perceptions.bearings)
         evidence = self._evidence(perceptions, prior, step.map_T_base)
         self._elsewhere.weigh(evidence, self._share_confirmed)
         quality = (1.0 - self._elsewhere.probability) * _share_within(step.map_T_base)

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.geometry import UncertainPose2, composed_poses, wrap_angle
 from semgraph.known_map.belief import Belief, Region
+from semgraph.known_map.expected_sights import ExpectedSights, Lately
 from semgraph.known_map.likelihood_field import Seen
 from semgraph.known_map.particles import (
     Gaussian,
@@ -85,6 +86,7 @@ class ParticleFilter:
     ) -> None:
         self._likelihood = likelihood
         self._proposals = PoseProposals(likelihood)
+        self._sights = ExpectedSights(likelihood.fixed_map, np.random.default_rng(0))
         self._settings = settings
         self._rng = rng
         self.usual = UsualSight()
@@ -145,7 +147,7 @@ class ParticleFilter:
         self,
         perceptions: Perceptions,
         motion: UncertainPose2,
-        lately: Perceptions | None = None,
+        lately: Lately | None = None,
         leaps: float = 0.0,
         share_confirmed: float = 0.0,
     ) -> Belief:
@@ -162,13 +164,13 @@ class ParticleFilter:
         self._move(motion, leaps)
         self._proposed = None
         if len(perceptions):
-            self.usual.add(perceptions.ranges_m)
+            self.usual.add(perceptions.ranges_m, perceptions.bearings)
             evidence = 0.0
             if self._follows:
                 evidence = self._evidence(self._likelihood.see(perceptions), leaps)
                 self._elsewhere.weigh(evidence, share_confirmed)
             if self._elsewhere.probability > _PROPOSED_ABOVE or evidence < 0.0:
-                self._propose(perceptions if lately is None else lately)
+                self._propose(lately or Lately.now(perceptions))
         return self.belief(perceptions.stamp_ns)
 
     def belief(self, stamp_ns: int) -> Belief:
@@ -263,7 +265,7 @@ class ParticleFilter:
             self._resample()
         return evidence
 
-    def _propose(self, lately: Perceptions) -> None:
+    def _propose(self, lately: Lately) -> None:
         """Weighs places of the rest beside what is followed, which one of them may succeed."""
         seeds, log_weights, places = self._seeds(lately)
         if not len(seeds):
@@ -312,26 +314,31 @@ class ParticleFilter:
         n = self._settings.least_particles
         return importance_samples(log_posterior, (prior, fused), n, self._rng)
 
-    def _seeds(self, lately: Perceptions) -> tuple[FloatArray, FloatArray, IntArray]:
+    def _seeds(self, lately: Lately) -> tuple[FloatArray, FloatArray, IntArray]:
         """Particles about proposed places, log weights against the rest, number of the place."""
-        area_m2, seen = self._likelihood.fixed_map.area_m2, self._likelihood.see(lately)
+        area_m2, seen = self._likelihood.fixed_map.area_m2, self._likelihood.see(lately.perceptions)
         poses: list[FloatArray] = [np.zeros((0, 3))]
         log_weights: list[FloatArray] = [np.zeros(0)]
-        for proposed in self._proposals.propose(lately, seen):
-            place = Gaussian.of_pose(proposed).wider(_WIDER)
-            if self._is_followed(place):
-                continue
-            by_numbers = self.by_numbers(place.mean)
 
-            def log_posterior(drawn: FloatArray, by_numbers: float = by_numbers) -> FloatArray:
-                rest = self._region.log_densities(drawn, area_m2) + by_numbers
+        def by_sights(poses: FloatArray) -> FloatArray:
+            usual = self.usual
+            return self._sights.evidence(poses, lately, usual.reach_m, usual.half_field)
+
+        proposed = self._proposals.propose(lately.perceptions, seen, by_sights)
+        places = [Gaussian.of_pose(each).wider(_WIDER) for each in proposed]
+        places = [each for each in places if not self._is_followed(each)]
+        means = np.array([each.mean for each in places]).reshape(-1, 3)
+        for place, unseen in zip(places, by_sights(means).tolist(), strict=True):
+
+            def log_posterior(drawn: FloatArray, unseen: float = unseen) -> FloatArray:
+                rest = self._region.log_densities(drawn, area_m2) + unseen
                 return rest + self._likelihood.log_likelihoods(seen, drawn)
 
             drawn, weights = importance_samples(log_posterior, (place,), _SEEDS_EACH, self._rng)
             poses.append(drawn)
             log_weights.append(weights)
-        places = np.repeat(np.arange(len(poses) - 1), _SEEDS_EACH)
-        return np.concatenate(poses), np.concatenate(log_weights), places
+        numbers = np.repeat(np.arange(len(places)), _SEEDS_EACH)
+        return np.concatenate(poses), np.concatenate(log_weights), numbers
 
     def _is_followed(self, place: Gaussian) -> bool:
         if self._elsewhere.probability > 0.5 or not self._is_compact():

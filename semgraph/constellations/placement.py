@@ -1,15 +1,13 @@
 """What speaks for a group of landmarks standing at a pose in a map, and what against it."""
 
 from dataclasses import dataclass, field
-from itertools import chain
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 
 from semgraph.alignment import fuse_with_priors
-from semgraph.arrays import BoolArray, FloatArray, IntArray
+from semgraph.arrays import BoolArray, FloatArray, IntArray, flattened
 from semgraph.constellations.mapped_constellation import (
     Constellation,
     MappedConstellation,
@@ -125,7 +123,7 @@ class Likelihood:
         near = mapped.tree.query_ball_point(
             places, np.tile(self._gates_m + slack_m2**0.5, len(poses))
         )
-        lookers, columns = _flat(near)
+        lookers, columns = flattened(near)
         pairs = Pairs(lookers // n, lookers % n, columns)
         distances_m, nearest = mapped.tree.query(places)
         is_mapped = distances_m <= mapped.spacings_m[nearest]
@@ -186,20 +184,13 @@ class Likelihood:
     def _expected(self, poses: FloatArray) -> IntArray:
         """(e,) of the map, what is in view and of a kind that is seen; as of `Scene`."""
         mapped = self._mapped
-        owners, columns = _flat(mapped.tree.query_ball_point(poses[:, :2], self._radius_m))
+        owners, columns = flattened(mapped.tree.query_ball_point(poses[:, :2], self._radius_m))
         is_seen = self._is_of_a_kind_seen[columns]
         owners, columns = owners[is_seen], columns[is_seen]
         in_centre = points_from(poses[owners], mapped.landmarks.positions[columns])
         is_inside = _is_inside(self._view, in_centre)
         expected: IntArray = owners[is_inside] * len(mapped.landmarks) + columns[is_inside]
         return expected
-
-
-def _flat(lists: NDArray[np.object_]) -> tuple[IntArray, IntArray]:
-    """(k,) numbers of lists (q,) and (k,) what is in them."""
-    lengths = np.fromiter(map(len, lists), dtype=np.int64, count=len(lists))
-    owners = np.repeat(np.arange(len(lists)), lengths)
-    return owners, np.fromiter(chain.from_iterable(lists), dtype=np.int64, count=len(owners))
 
 
 def _densities(mapped: MappedConstellation, seen: Constellation) -> FloatArray:

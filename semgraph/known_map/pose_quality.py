@@ -75,18 +75,21 @@ class Elsewhere:
 
 @dataclass(slots=True)
 class UsualSight:
-    """How many things are usually in sight, and how far one sees."""
+    """How many things are usually in sight, and how far and to the sides one sees."""
 
     number: float = 0.0
     reach_m: float = 0.0
+    half_field: float = 0.0
     _num_scans: int = 0
 
-    def add(self, ranges_m: FloatArray) -> None:
-        """One scan more, with what is perceived at these ranges (k,)."""
+    def add(self, ranges_m: FloatArray, bearings: FloatArray) -> None:
+        """One scan more, with what is perceived at these ranges and bearings (k,)."""
         self._num_scans = min(self._num_scans + 1, _REMEMBERED)
         share = 1.0 / self._num_scans
         self.number += share * (len(ranges_m) - self.number)
         self.reach_m = max(float(ranges_m.max(initial=0.0)), (1.0 - share) * self.reach_m)
+        widest = float(np.abs(bearings).max(initial=0.0))
+        self.half_field = max(widest, (1.0 - share) * self.half_field)
 
     def evidence(self, sparseness: float) -> float:
         """Log of how much better few things are explained where there are few.
