@@ -5,10 +5,17 @@ from enum import Enum
 
 import numpy as np
 
-from semgraph.arrays import FloatArray
+from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import InputError
 from semgraph.estimates import NoEstimate, NoEstimateReason
-from semgraph.geometry import Pose2, UncertainPose2, rotation
+from semgraph.geometry import (
+    Pose2,
+    UncertainPose2,
+    composed_poses,
+    points_from,
+    relative_poses,
+    rotation,
+)
 
 
 class Solve(Enum):
@@ -59,8 +66,9 @@ def align(
     if n < 2:
         return NoEstimate(NoEstimateReason.TOO_FEW_MATCHES)
     weights = 1.0 / variances if solve is Solve.RIGID else np.ones(len(variances))
-    p_mean = np.average(base_t_landmarks, axis=0, weights=weights)
-    l_mean = np.average(map_t_landmarks, axis=0, weights=weights)
+    p_mean, l_mean = (
+        weights @ each / weights.sum() for each in (base_t_landmarks, map_t_landmarks)
+    )
     p, q = base_t_landmarks - p_mean, map_t_landmarks - l_mean
     spread = float(weights @ (p**2).sum(axis=1))
     cosine = float(weights @ (p * q).sum(axis=1))
@@ -97,7 +105,7 @@ def pose_information(base_t_landmarks: FloatArray, weights: FloatArray) -> Float
     From d(R p + t) = R (dt + dtheta (-p_y, p_x)).
     """
     J = point_jacobians(base_t_landmarks)
-    information: FloatArray = np.einsum("nik,nij,njl->kl", J, weights, J)
+    information: FloatArray = (J.transpose(0, 2, 1) @ weights @ J).sum(axis=0)
     return information
 
 
@@ -128,14 +136,50 @@ def fuse_with_prior(
 
     Source: Gauss-Newton on SE(2); for one landmark it is what the closed form cannot give.
     """
-    weights = np.linalg.inv(base_covariances)
-    prior_information = np.linalg.inv(prior.covariance)
-    information = prior_information + pose_information(base_t_landmarks, weights)
     J = point_jacobians(base_t_landmarks)
+    JT_W = J.transpose(0, 2, 1) @ np.linalg.inv(base_covariances)
+    prior_information = np.linalg.inv(prior.covariance)
+    covariance = np.linalg.inv(prior_information + (JT_W @ J).sum(axis=0))
+    flat = JT_W.transpose(1, 0, 2).reshape(3, -1)
     pose = map_T_base
     for _ in range(3):
         residuals = pose.inverse().transform(map_t_landmarks) - base_t_landmarks
         to_prior = pose.between(prior.pose).as_array()
-        gradient = np.einsum("nik,nij,nj->k", J, weights, residuals) + prior_information @ to_prior
-        pose = pose @ Pose2.from_array(np.linalg.solve(information, gradient))
-    return UncertainPose2(pose, np.linalg.inv(information))
+        gradient = flat @ residuals.ravel() + prior_information @ to_prior
+        pose = pose @ Pose2.from_array(covariance @ gradient)
+    return UncertainPose2(pose, covariance)
+
+
+def fuse_with_priors(
+    map_T_bases: FloatArray,
+    priors: FloatArray,
+    prior_covariance: FloatArray,
+    owners: IntArray,
+    base_t_landmarks: FloatArray,
+    map_t_landmarks: FloatArray,
+    base_covariances: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """The same for h poses (h, 3) at once, and covariances (h, 3, 3), in base.
+
+    Args:
+        map_T_bases: (h, 3) where to start.
+        priors: (h, 3) the motion model's.
+        prior_covariance: (3, 3) of each of them, in base.
+        owners: (n,) whose of the poses each landmark is.
+        base_t_landmarks: (n, 2) perceived.
+        map_t_landmarks: (n, 2) of the map.
+        base_covariances: (n, 2, 2) of each pair's difference, in base.
+    """
+    is_of = (owners == np.arange(len(priors))[:, None]).astype(np.float64)
+    J = point_jacobians(base_t_landmarks)
+    JT_W = J.transpose(0, 2, 1) @ np.linalg.inv(base_covariances)
+    prior_information = np.linalg.inv(prior_covariance)
+    information = prior_information + (is_of @ (JT_W @ J).reshape(-1, 9)).reshape(-1, 3, 3)
+    covariances = np.linalg.inv(information)
+    poses = map_T_bases
+    for _ in range(3):
+        mapped = points_from(poses[owners], map_t_landmarks)
+        by_landmarks = (JT_W @ (mapped - base_t_landmarks)[:, :, None])[:, :, 0]
+        gradients = is_of @ by_landmarks + relative_poses(poses, priors) @ prior_information
+        poses = composed_poses(poses, (covariances @ gradients[:, :, None])[:, :, 0])
+    return poses, covariances

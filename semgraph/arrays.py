@@ -1,5 +1,6 @@
 """Arrays as values: checked once, copied, read-only."""
 
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,13 @@ def frozen_ints(name: str, values: ArrayLike, shape: tuple[int | None, ...]) -> 
     _check_shape(name, array, shape)
     array.flags.writeable = False
     return array
+
+
+def flattened(lists: NDArray[np.object_]) -> tuple[IntArray, IntArray]:
+    """(k,) numbers of q lists of whole numbers, and (k,) what is in them, one after the other."""
+    lengths = np.fromiter(map(len, lists), dtype=np.int64, count=len(lists))
+    numbers = np.repeat(np.arange(len(lists)), lengths)
+    return numbers, np.fromiter(chain.from_iterable(lists), dtype=np.int64, count=len(numbers))
 
 
 def _check_shape(name: str, array: NDArray[Any], shape: tuple[int | None, ...]) -> None:

@@ -167,3 +167,16 @@ def relative_poses(map_T_a: FloatArray, map_T_b: FloatArray) -> FloatArray:
             wrap_angle(delta[:, 2]),
         ]
     )
+
+
+def composed_poses(a_T_b: FloatArray, b_T_c: FloatArray) -> FloatArray:
+    """a_T_c (n, 3) of rows a_T_b and b_T_c (n, 3)."""
+    headings = wrap_angle(a_T_b[:, 2] + b_T_c[:, 2])
+    return np.column_stack([transform_points(a_T_b, b_T_c[:, :2]), headings])
+
+
+def points_from(map_T_bases: FloatArray, map_t_points: FloatArray) -> FloatArray:
+    """base_t_points (n, 2) of points (n, 2), each as seen from a pose of (n, 3)."""
+    x, y = (map_t_points - map_T_bases[:, :2]).T
+    c, s = np.cos(map_T_bases[:, 2]), np.sin(map_T_bases[:, 2])
+    return np.column_stack([c * x + s * y, c * y - s * x])

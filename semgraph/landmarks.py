@@ -364,12 +364,15 @@ def concatenate(stamp_ns: int, parts: Sequence[Perceptions]) -> Perceptions:
 
 def cartesian(ranges_m: FloatArray, bearings: FloatArray) -> FloatArray:
     """(n, 2) m of polar coordinates."""
-    return np.column_stack([ranges_m * np.cos(bearings), ranges_m * np.sin(bearings)])
+    points = np.empty((len(ranges_m), 2))
+    points[:, 0], points[:, 1] = ranges_m * np.cos(bearings), ranges_m * np.sin(bearings)
+    return points
 
 
 def cartesian_jacobians(ranges_m: FloatArray, bearings: FloatArray) -> FloatArray:
     """(n, 2, 2): d(x, y) / d(range, bearing)."""
     c, s = np.cos(bearings), np.sin(bearings)
-    return np.stack(
-        [np.stack([c, -ranges_m * s], axis=-1), np.stack([s, ranges_m * c], axis=-1)], axis=-2
-    )
+    J = np.empty((len(ranges_m), 2, 2))
+    J[:, 0, 0], J[:, 0, 1] = c, -ranges_m * s
+    J[:, 1, 0], J[:, 1, 1] = s, ranges_m * c
+    return J

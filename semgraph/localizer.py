@@ -30,7 +30,7 @@ from semgraph.known_map.belief import Belief
 from semgraph.known_map.fixed_map import FixedMap
 from semgraph.known_map.particles import Gaussian
 from semgraph.known_map.pose_likelihood import PoseLikelihood
-from semgraph.known_map.pose_quality import Elsewhere
+from semgraph.known_map.pose_quality import Elsewhere, PerceivedLately
 from semgraph.known_map.surroundings import Surroundings
 from semgraph.landmarks import Perceptions
 from semgraph.motion_model import MotionNoise, constant_motion
@@ -149,6 +149,8 @@ class Localizer:
         self._elsewhere = Elsewhere(0.01)
         self._estimator = Estimator.PARTICLES
         self._sure_scans = 0
+        self._perceived = PerceivedLately()
+        self._share_confirmed = 0.0
         self._last: Localized | None = None
         self._movement = _Movement(Pose2(), 0.0)
         self._doubted: _Movement | None = None
@@ -172,6 +174,9 @@ class Localizer:
         """
         motion = self._motion(perceptions.stamp_ns, odometry)
         leaps = self._settings.particles.leaps if odometry is None else 0.0
+        self._share_confirmed = self._perceived.share_confirmed(
+            perceptions.base_t_landmarks(), motion.pose
+        )
         found = None
         if self._estimator is Estimator.FAST and self._last is not None:
             found = self._follow(perceptions, motion, self._last, leaps)
@@ -201,9 +206,9 @@ class Localizer:
         step = self._fast.step(perceptions, motion)
         prior = last.map_T_base @ motion
         self._elsewhere.move(motion.pose, self._settings.particles.carried_off + leaps)
-        self._filter.usual.add(perceptions.ranges_m)
+        self._filter.usual.add(perceptions.ranges_m, perceptions.bearings)
         evidence = self._evidence(perceptions, prior, step.map_T_base)
-        self._elsewhere.weigh(evidence)
+        self._elsewhere.weigh(evidence, self._share_confirmed)
         quality = (1.0 - self._elsewhere.probability) * _share_within(step.map_T_base)
         why = _alarm(step, prior, evidence) or _lost(quality)
         if why and not is_bound:
@@ -221,9 +226,8 @@ class Localizer:
         pose = posterior.pose.as_array()[None]
         at_best = float(self._likelihood.log_likelihoods(seen, pose)[0])
         wide, narrow = Gaussian.of_pose(prior), Gaussian.of_pose(posterior)
-        volume = -float(narrow.log_densities(narrow.mean[None])[0])
-        by_numbers = self._filter.by_numbers(narrow.mean)
-        return at_best + volume + float(wide.log_densities(pose)[0]) + by_numbers
+        of_motion = float(wide.log_densities(pose)[0]) - narrow.log_peak()
+        return at_best + of_motion + self._filter.by_numbers(narrow.mean)
 
     def _search(
         self,
@@ -234,7 +238,7 @@ class Localizer:
     ) -> Localized:
         """The particle filter's pose; it hands over to the fast estimator when it is sure."""
         lately = self._surroundings.add(perceptions, odometry)
-        belief = self._filter.step(perceptions, motion, lately, leaps)
+        belief = self._filter.step(perceptions, motion, lately, leaps, self._share_confirmed)
         is_sure = _is_sure(belief) and not _too_large(motion)
         self._sure_scans = self._sure_scans + 1 if is_sure else 0
         if self._sure_scans >= _SURE_SCANS and self._settings.use is not Use.PARTICLES:

@@ -91,7 +91,8 @@ def local_map(
         for kind, identity in zip(perceptions.kinds, perceptions.identities, strict=True)
         if identity
     ]
-    ids = np.union1d(ids, [landmark for landmark in named if landmark is not None]).astype(np.int64)
+    known = [landmark for landmark in named if landmark is not None]
+    ids = np.union1d(ids, known).astype(np.int64) if known else np.sort(ids)
     diameters_m, diameter_sigmas_m = navigation_map.diameters(ids)
     proposed_R_map = rotation(-map_T_proposed.theta)
     return LocalMap(

@@ -12,13 +12,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from semgraph.arrays import FloatArray, IntArray
-from semgraph.geometry import UncertainPose2, wrap_angle
+from semgraph.geometry import UncertainPose2, composed_poses, wrap_angle
 from semgraph.known_map.belief import Belief, Region
+from semgraph.known_map.expected_sights import ExpectedSights, Lately
 from semgraph.known_map.likelihood_field import Seen
 from semgraph.known_map.particles import (
     Gaussian,
     Particles,
-    compose,
     evenly_within,
     importance_samples,
     kld_number,
@@ -86,6 +86,7 @@ class ParticleFilter:
     ) -> None:
         self._likelihood = likelihood
         self._proposals = PoseProposals(likelihood)
+        self._sights = ExpectedSights(likelihood.fixed_map, np.random.default_rng(0))
         self._settings = settings
         self._rng = rng
         self.usual = UsualSight()
@@ -146,8 +147,9 @@ class ParticleFilter:
         self,
         perceptions: Perceptions,
         motion: UncertainPose2,
-        lately: Perceptions | None = None,
+        lately: Lately | None = None,
         leaps: float = 0.0,
+        share_confirmed: float = 0.0,
     ) -> Belief:
         """The belief after a motion last_T_current and what is perceived then.
 
@@ -157,17 +159,18 @@ class ParticleFilter:
             lately: all that was seen lately, each thing once, relative to base now; what is
                 perceived now where there is no more.
             leaps: the probability that it was no such motion but a leap to somewhere near.
+            share_confirmed: of what is perceived, that is seen for the second time lately.
         """
         self._move(motion, leaps)
         self._proposed = None
         if len(perceptions):
-            self.usual.add(perceptions.ranges_m)
+            self.usual.add(perceptions.ranges_m, perceptions.bearings)
             evidence = 0.0
             if self._follows:
                 evidence = self._evidence(self._likelihood.see(perceptions), leaps)
-                self._elsewhere.weigh(evidence)
+                self._elsewhere.weigh(evidence, share_confirmed)
             if self._elsewhere.probability > _PROPOSED_ABOVE or evidence < 0.0:
-                self._propose(perceptions if lately is None else lately)
+                self._propose(lately or Lately.now(perceptions))
         return self.belief(perceptions.stamp_ns)
 
     def belief(self, stamp_ns: int) -> Belief:
@@ -200,8 +203,10 @@ class ParticleFilter:
         noise = self._rng.multivariate_normal(
             np.zeros(3), motion.covariance, len(self._particles), method="eigh"
         )
-        moved = compose(np.broadcast_to(motion.pose.as_array(), noise.shape), noise)
-        self._particles = Particles(compose(self._particles.poses, moved), self._particles.weights)
+        moved = composed_poses(np.broadcast_to(motion.pose.as_array(), noise.shape), noise)
+        self._particles = Particles(
+            composed_poses(self._particles.poses, moved), self._particles.weights
+        )
         self._elsewhere.move(motion.pose, self._settings.carried_off + leaps)
         sigma_m = float(np.sqrt(np.linalg.eigvalsh(motion.covariance[:2, :2])[-1]))
         if sigma_m > _UNTRACKED_M:
@@ -260,7 +265,7 @@ class ParticleFilter:
             self._resample()
         return evidence
 
-    def _propose(self, lately: Perceptions) -> None:
+    def _propose(self, lately: Lately) -> None:
         """Weighs places of the rest beside what is followed, which one of them may succeed."""
         seeds, log_weights, places = self._seeds(lately)
         if not len(seeds):
@@ -309,26 +314,31 @@ class ParticleFilter:
         n = self._settings.least_particles
         return importance_samples(log_posterior, (prior, fused), n, self._rng)
 
-    def _seeds(self, lately: Perceptions) -> tuple[FloatArray, FloatArray, IntArray]:
+    def _seeds(self, lately: Lately) -> tuple[FloatArray, FloatArray, IntArray]:
         """Particles about proposed places, log weights against the rest, number of the place."""
-        area_m2, seen = self._likelihood.fixed_map.area_m2, self._likelihood.see(lately)
+        area_m2, seen = self._likelihood.fixed_map.area_m2, self._likelihood.see(lately.perceptions)
         poses: list[FloatArray] = [np.zeros((0, 3))]
         log_weights: list[FloatArray] = [np.zeros(0)]
-        for proposed in self._proposals.propose(lately, seen):
-            place = Gaussian.of_pose(proposed).wider(_WIDER)
-            if self._is_followed(place):
-                continue
-            by_numbers = self.by_numbers(place.mean)
 
-            def log_posterior(drawn: FloatArray, by_numbers: float = by_numbers) -> FloatArray:
-                rest = self._region.log_densities(drawn, area_m2) + by_numbers
+        def by_sights(poses: FloatArray) -> FloatArray:
+            usual = self.usual
+            return self._sights.evidence(poses, lately, usual.reach_m, usual.half_field)
+
+        proposed = self._proposals.propose(lately.perceptions, seen, by_sights)
+        places = [Gaussian.of_pose(each).wider(_WIDER) for each in proposed]
+        places = [each for each in places if not self._is_followed(each)]
+        means = np.array([each.mean for each in places]).reshape(-1, 3)
+        for place, unseen in zip(places, by_sights(means).tolist(), strict=True):
+
+            def log_posterior(drawn: FloatArray, unseen: float = unseen) -> FloatArray:
+                rest = self._region.log_densities(drawn, area_m2) + unseen
                 return rest + self._likelihood.log_likelihoods(seen, drawn)
 
             drawn, weights = importance_samples(log_posterior, (place,), _SEEDS_EACH, self._rng)
             poses.append(drawn)
             log_weights.append(weights)
-        places = np.repeat(np.arange(len(poses) - 1), _SEEDS_EACH)
-        return np.concatenate(poses), np.concatenate(log_weights), places
+        numbers = np.repeat(np.arange(len(places)), _SEEDS_EACH)
+        return np.concatenate(poses), np.concatenate(log_weights), numbers
 
     def _is_followed(self, place: Gaussian) -> bool:
         if self._elsewhere.probability > 0.5 or not self._is_compact():

@@ -308,5 +308,5 @@ def sections(data: Path | None) -> tuple[Section, ...]:
         Section("leaps", (of(leaps, LONGLEAF),), 20.0),
         Section("car park, beacons as map", (of(car_park, "car_park"),), 2.0),
         Section("MRCLAM, no identities", (of(mrclam, "mrclam6"),), 8.0),
-        Section("Wild-Places, single frames", (of(wild_places, "wild_v03"),), 15.0),
+        Section("Wild-Places, single frames", (of(wild_places, "wild_v03"),), 30.0),
     )

@@ -41,7 +41,6 @@ _ROBOTS: Final = range(1, 6)
 _SAME_TREE_M: Final = 0.4
 _LEAST_SIGHTINGS: Final = 4
 _REVISITED_M: Final = 5.0
-_EVERY: Final = 5
 
 
 def car_park(folder: Path, seeds: Sequence[int]) -> list[Row]:  # noqa: ARG001 - seeds: as all
@@ -137,7 +136,7 @@ def wild_places(folder: Path, seeds: Sequence[int]) -> list[Row]:  # noqa: ARG00
     errors, qualities, seconds = [], [], []
     still = UncertainPose2(Pose2(), np.zeros((3, 3)))
     particles = ParticleFilter(likelihood, FilterSettings(), np.random.default_rng(0))
-    for k in again[::_EVERY].tolist():
+    for k in again.tolist():
         particles.start_anywhere()
         before = time.process_time()
         belief = particles.step(frames.perceptions[k], still)

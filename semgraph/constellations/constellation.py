@@ -92,7 +92,7 @@ class MapIndex:
         # The trace: no axis has a larger variance.
         gates_m = (CHI2_2DOF_999 * 2.0 * (self._variance + seen.variances)) ** 0.5
         likelihood = Likelihood(self._mapped, centred, gates_m)
-        settled = [likelihood.settle(Pose2.from_array(pose), 2.0 * sigma_m) for pose in poses]
+        settled = likelihood.settle(poses, 2.0 * sigma_m)
         found = [each for each in settled if each is not None and _is_a_shape(each, seen)]
         distinct = _distinct(found)
         if not distinct:
@@ -217,8 +217,8 @@ def _apart(poses: FloatArray, fits: FloatArray, radii: FloatArray) -> tuple[IntA
 
 def _is_repeated(hypothesis: Hypothesis, others: Iterable[Hypothesis]) -> bool:
     """Whether most of its pairs are those of another one."""
-    pairs = hypothesis.pairs()
-    return any(2 * len(pairs & other.pairs()) > len(pairs) for other in others)
+    pairs = hypothesis.pairs
+    return any(2 * len(pairs & other.pairs) > len(pairs) for other in others)
 
 
 def _distinct(found: Iterable[Hypothesis]) -> list[Hypothesis]:

@@ -1,24 +1,23 @@
 """What speaks for a group of landmarks standing at a pose in a map, and what against it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 from scipy.spatial import Delaunay, QhullError
 
-from semgraph.alignment import fuse_with_prior
-from semgraph.arrays import BoolArray, FloatArray, IntArray
+from semgraph.alignment import fuse_with_priors
+from semgraph.arrays import BoolArray, FloatArray, IntArray, flattened
 from semgraph.constellations.mapped_constellation import (
     Constellation,
     MappedConstellation,
     surrounding_density,
 )
-from semgraph.geometry import Pose2, UncertainPose2, rotation
+from semgraph.constellations.pairing import SEEN, Pairs, Scene
+from semgraph.geometry import Pose2, UncertainPose2, points_from, transform_points
 from semgraph.measurement_model import CHI2_2DOF_999, diameter_log_likelihoods, mahalanobis2
 
-# How many of the landmarks in sight are perceived, and how many of the perceived are not mapped.
-_SEEN: Final = 0.85
+# How many of the perceived are not mapped.
 _UNMAPPED: Final = 0.15
 # That something elsewhere bears the same identity.
 _NAMESAKE: Final = 1e-3
@@ -36,16 +35,18 @@ class Hypothesis:
         map_T_centre: of what is seen.
         rows, columns: (k,) seen and mapped.
         log_odds: against chance, before any rival is heard.
+        pairs: rows and columns together.
     """
 
     map_T_centre: UncertainPose2
     rows: IntArray
     columns: IntArray
     log_odds: float
+    pairs: frozenset[tuple[int, int]] = field(init=False)
 
-    def pairs(self) -> set[tuple[int, int]]:
-        """Rows and columns together."""
-        return set(zip(self.rows.tolist(), self.columns.tolist(), strict=True))
+    def __post_init__(self) -> None:
+        pairs = zip(self.rows.tolist(), self.columns.tolist(), strict=True)
+        object.__setattr__(self, "pairs", frozenset(pairs))
 
 
 class Likelihood:
@@ -65,75 +66,83 @@ class Likelihood:
         self._radius_m = float(np.linalg.norm(seen.positions, axis=1).max())
         self._densities = _densities(mapped, seen)
         self._size_chances = self._chances()
+        self._is_of_a_kind_seen = np.isin(mapped.landmarks.kinds, seen.kinds)
 
-    def settle(self, map_T_centre: Pose2, slack_m: float) -> Hypothesis | None:
-        """The best placement near a rough pose, or None where no two landmarks stay paired.
+    def settle(self, map_T_centres: FloatArray, slack_m: float) -> list[Hypothesis | None]:
+        """The best placement near each rough pose, or None where no two landmarks stay paired.
 
         Args:
-            map_T_centre: of what is seen; its positions are about its centre.
-            slack_m: how rough the pose is, where the landmarks are.
+            map_T_centres: (h, 3) of what is seen; its positions are about its centre.
+            slack_m: how rough the poses are, where the landmarks are.
         """
-        pose = UncertainPose2(map_T_centre, _ANYWHERE)
+        poses, covariances = map_T_centres, np.tile(_ANYWHERE, (len(map_T_centres), 1, 1))
+        is_placed = np.full(len(poses), True)
         for variance in (slack_m**2, 0.0, 0.0):
-            scene = self._scene(pose.pose, variance)
-            rows, columns = scene.best_pairs()
-            if len(rows) < 2:
-                return None
-            pose = self._fitted(pose, rows, columns)
-        log_odds = self._scene(pose.pose, 0.0).log_odds(rows, columns) + self._occam(pose)
-        return Hypothesis(pose, rows, columns, log_odds) if np.isfinite(log_odds) else None
+            pairs = self._scene(poses, variance).best_pairs()
+            is_placed &= np.bincount(pairs.owners, minlength=len(poses)) >= 2
+            poses, covariances = self._fitted(poses, pairs)
+        log_odds = self._scene(poses, 0.0).log_odds(pairs) + self._occam(covariances)
+        is_placed &= np.isfinite(log_odds)
+        found: list[Hypothesis | None] = [None] * len(poses)
+        for number in np.flatnonzero(is_placed).tolist():
+            pose = UncertainPose2(Pose2.from_array(poses[number]), covariances[number])
+            own = pairs.select(pairs.owners == number)
+            found[number] = Hypothesis(pose, own.rows, own.columns, float(log_odds[number]))
+        return found
 
-    def _distances2(
-        self, pose: Pose2, rows: IntArray, columns: IntArray, covariances: FloatArray
-    ) -> FloatArray:
-        in_centre = pose.inverse().transform(self._mapped.landmarks.positions[columns])
-        return mahalanobis2(in_centre - self._seen.positions[rows], covariances)
-
-    def _fitted(self, pose: UncertainPose2, rows: IntArray, columns: IntArray) -> UncertainPose2:
-        return fuse_with_prior(
-            pose.pose,
-            UncertainPose2(pose.pose, _ANYWHERE),
-            self._seen.positions[rows],
-            self._mapped.landmarks.positions[columns],
-            self._covariances(pose.pose, rows, columns),
+    def _fitted(self, poses: FloatArray, pairs: Pairs) -> tuple[FloatArray, FloatArray]:
+        return fuse_with_priors(
+            poses,
+            poses,
+            _ANYWHERE,
+            pairs.owners,
+            self._seen.positions[pairs.rows],
+            self._mapped.landmarks.positions[pairs.columns],
+            self._covariances(poses, pairs),
         )
 
-    def _occam(self, pose: UncertainPose2) -> float:
-        """Ln of the share of all poses of the map that the pairs leave: Laplace's method."""
-        log_left = 0.5 * np.linalg.slogdet(2.0 * np.pi * _DOUBT * pose.covariance)[1]
-        return min(0.0, float(log_left - np.log(2.0 * np.pi * self._mapped.area_m2)))
+    def _occam(self, covariances: FloatArray) -> FloatArray:
+        """(h,) ln of the share of all poses of the map that the pairs leave: Laplace's method."""
+        log_left = 0.5 * np.linalg.slogdet(2.0 * np.pi * _DOUBT * covariances)[1]
+        return np.asarray(np.minimum(0.0, log_left - np.log(2.0 * np.pi * self._mapped.area_m2)))
 
-    def _covariances(self, pose: Pose2, rows: IntArray, columns: IntArray) -> FloatArray:
+    def _covariances(self, poses: FloatArray, pairs: Pairs) -> FloatArray:
         """(k, 2, 2) of the pairs' differences, in the frame of what is seen."""
-        centre_R_map = rotation(-pose.theta)
-        of_map = centre_R_map @ self._mapped.landmarks.covariances[columns] @ centre_R_map.T
-        return self._seen.covariances[rows] + of_map
+        c, s = np.cos(poses[pairs.owners, 2]), np.sin(poses[pairs.owners, 2])
+        centre_R_map = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=1)
+        of_map = self._mapped.landmarks.covariances[pairs.columns]
+        of_map = centre_R_map @ of_map @ centre_R_map.transpose(0, 2, 1)
+        covariances: FloatArray = self._seen.covariances[pairs.rows] + of_map
+        return covariances
 
-    def _scene(self, pose: Pose2, slack_m2: float) -> "_Scene":
-        """What there is to pair at a pose, and what it costs not to."""
-        mapped, seen = self._mapped, self._seen
-        places = pose.transform(seen.positions)
-        near = mapped.tree.query_ball_point(places, self._gates_m + slack_m2**0.5)
-        rows = np.repeat(np.arange(len(seen)), [len(each) for each in near])
-        columns = np.concatenate([np.asarray(each, dtype=np.int64) for each in near])
-        gains = self._gains(pose, rows, columns, slack_m2)
+    def _scene(self, poses: FloatArray, slack_m2: float) -> Scene:
+        """What there is to pair at poses (h, 3), and what it costs not to."""
+        mapped, seen, n = self._mapped, self._seen, len(self._seen)
+        owners = np.repeat(np.arange(len(poses)), n)
+        places = transform_points(poses[owners], np.tile(seen.positions, (len(poses), 1)))
+        near = mapped.tree.query_ball_point(
+            places, np.tile(self._gates_m + slack_m2**0.5, len(poses))
+        )
+        lookers, columns = flattened(near)
+        pairs = Pairs(lookers // n, lookers % n, columns)
         distances_m, nearest = mapped.tree.query(places)
         is_mapped = distances_m <= mapped.spacings_m[nearest]
-        return _Scene(
-            rows,
-            columns,
-            gains,
-            np.where(is_mapped, np.log(_UNMAPPED), 0.0),
-            self._expected(pose),
+        return Scene(
+            pairs,
+            self._gains(poses, pairs, slack_m2),
+            np.where(is_mapped, np.log(_UNMAPPED), 0.0).reshape(len(poses), n),
+            self._expected(poses),
+            len(mapped.landmarks),
         )
 
-    def _gains(self, pose: Pose2, rows: IntArray, columns: IntArray, slack_m2: float) -> FloatArray:
+    def _gains(self, poses: FloatArray, pairs: Pairs, slack_m2: float) -> FloatArray:
         """(k,) what pairs add to the log odds; -inf where they contradict."""
-        mapped, seen = self._mapped.landmarks, self._seen
-        covariances = self._covariances(pose, rows, columns) + slack_m2 * np.eye(2)
-        distances2 = self._distances2(pose, rows, columns, covariances)
+        mapped, seen, rows, columns = self._mapped.landmarks, self._seen, pairs.rows, pairs.columns
+        covariances = self._covariances(poses, pairs) + slack_m2 * np.eye(2)
+        in_centre = points_from(poses[pairs.owners], mapped.positions[columns])
+        distances2 = mahalanobis2(in_centre - seen.positions[rows], covariances)
         log_likelihoods = -0.5 * distances2 / _DOUBT - 0.5 * np.log(np.linalg.det(covariances))
-        gains = log_likelihoods - np.log(2.0 * np.pi * _DOUBT * self._densities[rows] / _SEEN)
+        gains = log_likelihoods - np.log(2.0 * np.pi * _DOUBT * self._densities[rows] / SEEN)
         gains += self._size_gains(rows, columns)
         named = seen.identities[rows] != ""
         same = seen.identities[rows] == mapped.identities[columns]
@@ -172,46 +181,16 @@ class Likelihood:
                     chances[rows] = np.logaddexp.reduce(each, axis=1) - np.log(len(quantiles_m))
         return chances
 
-    def _expected(self, pose: Pose2) -> IntArray:
-        """Columns of the map that are in view and of a kind that is seen."""
+    def _expected(self, poses: FloatArray) -> IntArray:
+        """(e,) of the map, what is in view and of a kind that is seen; as of `Scene`."""
         mapped = self._mapped
-        near = mapped.tree.query_ball_point((pose.x, pose.y), self._radius_m)
-        columns = np.array(near, dtype=np.int64)
-        in_centre = pose.inverse().transform(mapped.landmarks.positions[columns])
-        is_seen = np.isin(mapped.landmarks.kinds[columns], self._seen.kinds)
-        return columns[is_seen & _is_inside(self._view, in_centre)]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Scene:
-    """Pairs (k,) with their gains, what each seen one costs unpaired, and who is expected."""
-
-    rows: IntArray
-    columns: IntArray
-    gains: FloatArray
-    unpaired: FloatArray
-    expected: IntArray
-
-    def best_pairs(self) -> tuple[IntArray, IntArray]:
-        """One to one, the most probable together."""
-        missed = np.where(np.isin(self.columns, self.expected), np.log(1.0 - _SEEN), 0.0)
-        worth = np.maximum(self.gains - self.unpaired[self.rows] - missed, 0.0)
-        mapped, index = np.unique(self.columns, return_inverse=True)
-        table = np.zeros((len(self.unpaired), len(mapped)))
-        table[self.rows, index] = worth
-        rows, columns = linear_sum_assignment(table, maximize=True)
-        paired = table[rows, columns] > 0.0
-        return rows[paired], mapped[columns[paired]]
-
-    def log_odds(self, rows: IntArray, columns: IntArray) -> float:
-        """Of these pairs, all others unmapped or missed, against nothing of it being mapped."""
-        unpaired = np.delete(self.unpaired, rows).sum()
-        num_missed = len(np.setdiff1d(self.expected, columns))
-        is_paired = np.isin(self.rows + 1j * self.columns, rows + 1j * columns)
-        if is_paired.sum() < len(rows):
-            return -np.inf
-        pairs = self.gains[is_paired].sum()
-        return float(pairs + unpaired + num_missed * np.log(1.0 - _SEEN))
+        owners, columns = flattened(mapped.tree.query_ball_point(poses[:, :2], self._radius_m))
+        is_seen = self._is_of_a_kind_seen[columns]
+        owners, columns = owners[is_seen], columns[is_seen]
+        in_centre = points_from(poses[owners], mapped.landmarks.positions[columns])
+        is_inside = _is_inside(self._view, in_centre)
+        expected: IntArray = owners[is_inside] * len(mapped.landmarks) + columns[is_inside]
+        return expected
 
 
 def _densities(mapped: MappedConstellation, seen: Constellation) -> FloatArray:

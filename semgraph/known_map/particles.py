@@ -1,5 +1,6 @@
 """Weighed poses as a structure of arrays, and the Gaussian that stands for them."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Self
@@ -45,8 +46,9 @@ class Gaussian:
 
     def is_within(self, sigma_m: float, sigma_rad: float) -> bool:
         """Whether its sigmas are no larger."""
-        largest2 = float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1])
-        return largest2 <= sigma_m**2 and float(self.covariance[2, 2]) <= sigma_rad**2
+        (a, b, _), (_, d, _), (_, _, turned2) = self.covariance.tolist()
+        largest2 = 0.5 * (a + d) + math.hypot(0.5 * (a - d), b)
+        return bool(largest2 <= sigma_m**2 and turned2 <= sigma_rad**2)
 
     def draw(self, n: int, rng: np.random.Generator) -> FloatArray:
         """(n, 3) poses."""
@@ -59,10 +61,13 @@ class Gaussian:
         root = self._root()
         offsets = poses - self.mean
         offsets[:, 2] = wrap_angle(offsets[:, 2])
-        whitened = np.linalg.solve(root, offsets.T)
-        log_scale = float(np.log(np.diag(root)).sum()) + 1.5 * np.log(2.0 * np.pi)
-        densities: FloatArray = -0.5 * np.square(whitened).sum(axis=0) - log_scale
+        whitened = np.linalg.inv(root) @ offsets.T
+        densities: FloatArray = _log_peak(root) - 0.5 * np.square(whitened).sum(axis=0)
         return densities
+
+    def log_peak(self) -> float:
+        """The largest log density."""
+        return _log_peak(self._root())
 
     def _root(self) -> FloatArray:
         return np.linalg.cholesky(self.covariance)
@@ -168,19 +173,6 @@ def importance_samples(
     return poses, log_weights
 
 
-def compose(a_T_b: FloatArray, b_T_c: FloatArray) -> FloatArray:
-    """a_T_c (n, 3) of rows a_T_b and b_T_c (n, 3)."""
-    c, s = np.cos(a_T_b[:, 2]), np.sin(a_T_b[:, 2])
-    x, y, theta = b_T_c.T
-    return np.column_stack(
-        [
-            a_T_b[:, 0] + c * x - s * y,
-            a_T_b[:, 1] + s * x + c * y,
-            wrap_angle(a_T_b[:, 2] + theta),
-        ]
-    )
-
-
 def log_sum(logs: FloatArray) -> float:
     """Log of the sum of what these (n,) are the logs of; n above 0, not all of nothing."""
     largest = float(logs.max())
@@ -229,6 +221,12 @@ def _bins(poses: FloatArray) -> tuple[IntArray, int]:
     codes = (cells[:, 0] * rows + cells[:, 1]) * layers + cells[:, 2]
     known, labels = np.unique(codes, return_inverse=True)
     return labels, len(known)
+
+
+def _log_peak(root: FloatArray) -> float:
+    """Of a Gaussian whose covariance has this Cholesky factor (3, 3)."""
+    a, b, c = np.diag(root).tolist()
+    return -math.log(a * b * c) - 1.5 * math.log(2.0 * math.pi)
 
 
 def _turn(theta: float) -> FloatArray:

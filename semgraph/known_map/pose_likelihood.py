@@ -74,9 +74,9 @@ class PoseLikelihood:
 
     def see(self, perceptions: Perceptions) -> Seen:
         """Perceptions prepared for many poses."""
-        is_known = (perceptions.identities != "") & np.isin(
-            perceptions.identities, self._map.identities
-        )
+        is_known = perceptions.identities != ""
+        if is_known.any():
+            is_known &= np.isin(perceptions.identities, self._map.identities)
         of_none = np.where(is_known, min(_MISREAD, self._settings.clutter), self._settings.clutter)
         clutter = 1.0 - (1.0 - of_none) * perceptions.reliabilities
         return Seen(

@@ -1,5 +1,6 @@
 """Where in a fixed map the robot may be, by what it sees now alone: seeds for particles."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -36,6 +37,9 @@ _LOOSE: Final = np.diag([5.0, 5.0, 0.5]) ** 2
 _OPEN_M: Final = 2.0
 
 
+BySights = Callable[[FloatArray], FloatArray]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pairs:
     """Ordered pairs of landmarks of the map (p,), by length."""
@@ -54,15 +58,22 @@ class PoseProposals:
         self._longest_m = _longest_m(likelihood.fixed_map)
         self._pairs: _Pairs | None = None
 
-    def propose(self, perceptions: Perceptions, seen: Seen) -> list[UncertainPose2]:
+    def propose(
+        self, perceptions: Perceptions, seen: Seen, by_sights: BySights
+    ) -> list[UncertainPose2]:
         """Places apart from each other that explain best what is seen.
 
         By constellations of three and more; where these leave doubt, also by pairs.
+
+        Args:
+            perceptions: relative to base.
+            seen: the same.
+            by_sights: (n,) how much better places (n, 3) explain what is not seen than others do.
         """
         placements = self._placements(perceptions)
         found = [each.map_T_local for each in placements]
         if not placements or placements[0].log_odds < _BEYOND_DOUBT:
-            found += self._by_pairs(seen)
+            found += self._by_pairs(seen, by_sights)
         means = np.array([each.pose.as_array() for each in found]).reshape(-1, 3)
         return [found[row] for row in _apart(means)]
 
@@ -77,7 +88,7 @@ class PoseProposals:
         )
         return self._index.place(seen, _MOST_PROPOSED)
 
-    def _by_pairs(self, seen: Seen) -> list[UncertainPose2]:
+    def _by_pairs(self, seen: Seen, by_sights: BySights) -> list[UncertainPose2]:
         """At most 30 places, refined."""
         if self._pairs is None:
             self._pairs = _pairs(self._likelihood.fixed_map.map_t_landmarks, self._longest_m)
@@ -86,11 +97,14 @@ class PoseProposals:
             return []
         sigma_m = float(np.sqrt(seen.variances.mean()))
         scores = self._likelihood.log_likelihoods(seen.blurred(sigma_m, _TURNED), poses)
-        best = poses[np.argsort(-scores, kind="stable")[: 10 * _MOST_PROPOSED]]
+        best = np.argsort(-scores, kind="stable")[: 10 * _MOST_PROPOSED]
+        best = best[_apart(poses[best])]
+        scores = scores[best] + by_sights(poses[best])
+        best = best[np.argsort(-scores, kind="stable")[:_MOST_PROPOSED]]
         blur = (2.0 * sigma_m, _TURNED)
         refined = [
             self.refine(seen, UncertainPose2(Pose2.from_array(pose), _LOOSE), blur)
-            for pose in best[_apart(best)][:_MOST_PROPOSED]
+            for pose in poses[best]
         ]
         return [each for each in refined if np.trace(each.covariance[:2, :2]) < _OPEN_M**2]
 

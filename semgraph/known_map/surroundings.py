@@ -6,7 +6,8 @@ import numpy as np
 
 from semgraph.arrays import FloatArray
 from semgraph.fast_estimator import FastEstimator, FastSettings
-from semgraph.geometry import Pose2, UncertainPose2, rotation, wrap_angle
+from semgraph.geometry import Pose2, UncertainPose2, relative_poses, rotation, wrap_angle
+from semgraph.known_map.expected_sights import Lately
 from semgraph.landmarks import Perceptions
 
 _REACH_M: Final = 25.0
@@ -18,6 +19,9 @@ _LEAST_RANGE_M: Final = 0.05
 _DRIFT_SIGMA_M: Final = 0.05
 # Of four perceptions or more, a scan that matches less has broken off.
 _ENOUGH: Final = 4
+# Where it looked from: so far apart, and so many places.
+_WAY_STEP_M: Final = 1.0
+_MOST_WAY: Final = 15
 _LEAST_SHARE: Final = 0.25
 
 
@@ -26,13 +30,14 @@ class Surroundings:
 
     def __init__(self, settings: FastSettings) -> None:
         self._settings = settings.model_copy(update={"memory_m": _MEMORY_M})
-        self._tracker = FastEstimator(self._settings, Pose2())
+        self.forget()
 
     def forget(self) -> None:
         """Nothing was seen lately."""
         self._tracker = FastEstimator(self._settings, Pose2())
+        self._odom_T_then = np.zeros((0, 3))
 
-    def add(self, perceptions: Perceptions, odometry: UncertainPose2 | None) -> Perceptions:
+    def add(self, perceptions: Perceptions, odometry: UncertainPose2 | None) -> Lately:
         """All that was seen lately, each thing once, relative to base now.
 
         A thing seen once only is as probably nothing, and soon forgotten. Where hardly anything is
@@ -44,7 +49,17 @@ class Surroundings:
         if num_before and len(perceptions) >= _ENOUGH and again < _LEAST_SHARE * len(perceptions):
             self.forget()
             step = self._tracker.step(perceptions, None)
-        return self._as_seen_from(step.map_T_base.pose, perceptions.stamp_ns)
+        odom_T_base = step.map_T_base.pose
+        return Lately(self._as_seen_from(odom_T_base, perceptions.stamp_ns), self._way(odom_T_base))
+
+    def _way(self, odom_T_base: Pose2) -> FloatArray:
+        """(t, 3) base_T_then, a metre apart, the last one here."""
+        here = odom_T_base.as_array()
+        way = np.vstack([self._odom_T_then, here])
+        apart_m = np.hypot(*(self._odom_T_then[-1:, :2] - here[:2]).T)
+        if not len(apart_m) or apart_m[0] >= _WAY_STEP_M:
+            self._odom_T_then = way[-_MOST_WAY:]
+        return relative_poses(np.tile(here, (len(way), 1)), way)
 
     def _as_seen_from(self, odom_T_base: Pose2, stamp_ns: int) -> Perceptions:
         gathered = self._tracker.navigation_map

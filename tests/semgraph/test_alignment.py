@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from semgraph.alignment import Alignment, Solve, align, fuse_with_prior
+from semgraph.alignment import Alignment, Solve, align, fuse_with_prior, fuse_with_priors
 from semgraph.arrays import FloatArray
 from semgraph.errors import InputError
 from semgraph.estimates import NoEstimate, NoEstimateReason
@@ -262,3 +262,23 @@ def test_the_fused_covariance_is_honest(n: int) -> None:
         off = fused.pose.between(true).as_array()
         nees.append(off @ np.linalg.solve(fused.covariance, off))
     assert np.mean(nees) == pytest.approx(3.0, abs=4.0 * math.sqrt(6.0 / 600.0))
+
+
+def test_many_poses_are_fused_as_each_alone() -> None:
+    rng = np.random.default_rng(4)
+    poses = [Pose2(3.0, 1.0, 0.4), Pose2(-5.0, 2.0, 3.0), Pose2(0.5, 9.0, -1.0)]
+    owners = np.repeat([0, 1, 2], [4, 0, 7])
+    base_t = rng.normal(0.0, 6.0, (len(owners), 2))
+    noise = rng.normal(0.0, 0.1, base_t.shape)
+    map_t = np.vstack([poses[k].transform(base_t[owners == k]) for k in range(3)]) + noise
+    covariances = np.tile([[0.02, 0.004], [0.004, 0.01]], (len(owners), 1, 1))
+    prior = np.diag([0.3, 0.2, 0.1]) ** 2
+    starts = np.array([pose.as_array() for pose in poses])
+    together, of_each = fuse_with_priors(starts, starts, prior, owners, base_t, map_t, covariances)
+    for k, pose in enumerate(poses):
+        own = owners == k
+        alone = fuse_with_prior(
+            pose, UncertainPose2(pose, prior), base_t[own], map_t[own], covariances[own]
+        )
+        assert together[k] == pytest.approx(alone.pose.as_array(), abs=1e-9)
+        assert of_each[k] == pytest.approx(alone.covariance, abs=1e-12)

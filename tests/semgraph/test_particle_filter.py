@@ -181,9 +181,9 @@ def test_few_things_in_sight_speak_for_a_sparse_place() -> None:
     usual = UsualSight()
     assert usual.evidence(1.0) == 0.0
     for _ in range(10):
-        usual.add(np.array([5.0, 12.0, 3.0, 8.0]))
+        usual.add(np.array([5.0, 12.0, 3.0, 8.0]), np.array([0.1, -2.0, 0.4, 1.5]))
     assert usual.number == pytest.approx(4.0)
-    assert usual.reach_m == 12.0
+    assert (usual.reach_m, usual.half_field) == (12.0, 2.0)
     assert usual.evidence(1.0) == pytest.approx(2.0)
     assert usual.evidence(-5.0) == -3.0
     model = PoseLikelihood(stand(num_trees=200), LikelihoodSettings())

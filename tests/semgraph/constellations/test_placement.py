@@ -6,7 +6,6 @@ from scipy.spatial import Delaunay
 from semgraph.arrays import BoolArray, FloatArray
 from semgraph.constellations.mapped_constellation import Constellation, MappedConstellation
 from semgraph.constellations.placement import Likelihood
-from semgraph.geometry import Pose2
 from semgraph.landmarks import Kind
 
 
@@ -30,7 +29,7 @@ def missed(seen: FloatArray, others: FloatArray) -> BoolArray:
         likelihood = Likelihood(
             MappedConstellation.of(trees(mapped)), trees(seen), np.full(len(seen), 0.5)
         )
-        scene = likelihood._scene(Pose2(), 0.0)
+        scene = likelihood._scene(np.zeros((1, 3)), 0.0)
         return len(scene.expected)
 
     without = num_expected(seen)
