@@ -18,6 +18,8 @@ from sensors.truth import Source, TrueLandmarks, TruePath, Truth
 LANDMARKS_FILE = "Landmark_Groundtruth.dat"
 BARCODES_FILE = "Barcodes.dat"
 NUM_ROBOTS = 5
+# Without names: one or two barcodes a scan, of which posts stand 0.18 m apart.
+_HYPOTHESES = 1000
 
 RANGE_SIGMA_M = 0.12
 RANGE_SIGMA_PER_M = 0.045
@@ -95,6 +97,7 @@ def read(path: Path, options: MrclamOptions) -> Source:
         measurements=in_order_of_time(odometry, sets),
         num_scans=len(sets),
         odometry_noise=ODOMETRY_NOISE,
+        num_hypotheses=1 if options.identities else _HYPOTHESES,
     )
     truth = Truth(_true_path(path, options.robot), _true_landmarks(landmarks), associations)
     return Source(recording, truth)
