@@ -29,6 +29,11 @@ _AGREED: Final = 0.5
 _EFFECTIVE: Final = 0.5
 # Landmarks per m2 that escaped notice so far, for each that is known within 20 m.
 _UNMAPPED: Final = 0.1 / (np.pi * 20.0**2)
+# How probably wheels slip between two scans, by how much more they err then, and the share of the
+# particles that slip to be ready for it.
+_SLIPS: Final = 1e-3
+_SLIP_FACTOR: Final = 10.0
+_SLIPPING: Final = 0.05
 _NONE: Final = -1
 
 
@@ -79,9 +84,13 @@ class HypothesesTracker:
 
     def _move(self, motion: UncertainPose2) -> None:
         self._odom_T_base = self._odom_T_base @ motion.pose
-        noise = self._rng.multivariate_normal(
-            np.zeros(3), motion.covariance, len(self._poses), method="eigh"
-        )
+        n = len(self._poses)
+        noise = self._rng.multivariate_normal(np.zeros(3), motion.covariance, n, method="eigh")
+        # More of them slip than do in truth, for less weight: importance sampling.
+        slips = self._rng.random(n) < _SLIPPING
+        noise[slips] *= _SLIP_FACTOR
+        less, more = np.log(_SLIPS / _SLIPPING), np.log((1.0 - _SLIPS) / (1.0 - _SLIPPING))
+        self._log_weights += np.where(slips, less, more)
         moved = compose(np.broadcast_to(motion.pose.as_array(), noise.shape), noise)
         self._poses = compose(self._poses, moved)
 
