@@ -9,12 +9,12 @@ import numpy as np
 from semgraph.arrays import IntArray
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
-from semgraph.fast_estimator import FastEstimator
 from semgraph.files.yaw_rates import YawRateLog
 from semgraph.graph.smoother import Smoother
 from semgraph.moments import moments
 from semgraph.perceiving import Perceiver
 from semgraph.settings import Settings
+from semgraph.tracking import tracker_of
 from sensors.truth import Source
 
 _NONE: Final = -1
@@ -56,7 +56,7 @@ def associations(
         InputError: the truth does not tell what each perception is of.
     """
     recording, truth = source.recording, _truly(source)
-    tracker = FastEstimator(settings.tracker, recording.map_T_start)
+    tracker = tracker_of(recording, settings.tracker)
     smoother = Smoother(settings.smoother, recording.map_T_start)
     true_tracks = _TrueTracks(np.inf if longest_gap_s is None else longest_gap_s)
     tracks: dict[int, IntArray] = {}

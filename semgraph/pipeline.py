@@ -23,6 +23,7 @@ from semgraph.progress import Report
 from semgraph.results import RunResult
 from semgraph.settings import Settings
 from semgraph.trace import Trace
+from semgraph.tracking import tracker_of
 from sensors.measurements import Recording
 
 
@@ -54,7 +55,7 @@ def run(
     """
     started = time.perf_counter()
     fast = _Fast(FastEstimator(settings.fast, recording.map_T_start))
-    tracker = FastEstimator(settings.tracker, recording.map_T_start)
+    tracker = tracker_of(recording, settings.tracker)
     graph = graph or GraphInProcess(settings.smoother, recording.map_T_start)
     recorder = LogRecorder(settings.smoother.start(recording.map_T_start))
     tell_first_motion(recording, perceiver, settings.fast)

@@ -15,9 +15,16 @@ from semgraph.localizer import LocalizerSettings
 
 
 class TrackerSettings(FastSettings):
-    """Settings of the tracker that feeds the graph: a fast estimator with a short memory."""
+    """Settings of the tracker that feeds the graph: a fast estimator with a short memory.
+
+    `hypotheses` of all associations are followed at once where scans show few things that are
+    alike, at a cost a scan that grows with them; 1 is the fast estimator itself, None as many as
+    the recording asks for. `seed` is of their random numbers.
+    """
 
     memory_m: float = Field(20.0, gt=0.0)
+    hypotheses: int | None = Field(None, ge=1, le=100_000)
+    seed: int = Field(0, ge=0)
 
 
 class Settings(BaseModel):

@@ -267,6 +267,8 @@ class Recording:
             need set in them; none where perceptions come ready.
         filters: what is to be done to scans before, as tables of settings.
         map_T_start: the known pose at the start; it defines the frame map.
+        num_hypotheses: of associations to be followed at once; more than one where most scans show
+            one or two of several things that nothing tells apart, so that one cannot do.
     """
 
     name: str
@@ -276,3 +278,4 @@ class Recording:
     detectors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     filters: Sequence[Mapping[str, object]] = ()
     map_T_start: Pose2 = field(default_factory=Pose2)
+    num_hypotheses: int = 1

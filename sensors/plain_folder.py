@@ -101,6 +101,7 @@ def read(path: Path, options: PlainOptions) -> Source:  # noqa: ARG001 - every r
         detectors=header.detectors or ({"trees-2d": {}} if scans else {}),
         filters=header.filters,
         map_T_start=Pose2(*header.start.map_T_start),
+        num_hypotheses=header.num_hypotheses,
     )
     return Source(recording, Truth(_true_path(path, header.truth), _true_landmarks(path)))
 

@@ -105,12 +105,13 @@ class Header(BaseModel, extra="forbid", frozen=True, allow_inf_nan=False):
     """All of `recording.toml`; only `name` must be there.
 
     `[laser]` where there are scans, `[camera]` where there are images. `[[filters]]` are those that
-    the scans need, as in a settings file.
+    the scans need, as in a settings file; `num_hypotheses` of associations are to be followed.
     """
 
     name: Name
     detectors: dict[Text, dict[str, float]] = {}
     filters: list[dict[Text, float | Text]] = []
+    num_hypotheses: int = Field(default=1, ge=1, le=100_000)
     laser: Laser | None = None
     camera: Camera | None = None
     vehicle: Vehicle | None = None

@@ -133,6 +133,7 @@ def _write_header(folder: Path, source: Source, parts: _Sorted) -> None:
     header["detectors"] = {name: dict(values) for name, values in recording.detectors.items()}
     header["start"] = {"map_T_start": recording.map_T_start.as_array().tolist()}
     header["filters"] = [dict(table) for table in recording.filters]
+    header["num_hypotheses"] = recording.num_hypotheses
     if recording.odometry_noise is not None:
         header["vehicle"] = asdict(recording.odometry_noise)
     if parts.scans:

@@ -12,7 +12,7 @@ from semgraph.beside.graph_beside import GraphInProcess
 from semgraph.decisions import What
 from semgraph.errors import InputError
 from semgraph.estimates import Trajectory
-from semgraph.fast_estimator import FastEstimator, FastStep
+from semgraph.fast_estimator import FastStep
 from semgraph.files.run_log import LogRecorder, RunLog
 from semgraph.geometry import Pose2
 from semgraph.moments import Moment
@@ -20,6 +20,7 @@ from semgraph.offline.refining import refine_sessions
 from semgraph.progress import Silence
 from semgraph.settings import Settings
 from semgraph.smoothed import Smoothed
+from semgraph.tracking import tracker_of
 from sensors.truth import Source
 
 # What the graph is told of a step, by the tracker's pose before it.
@@ -77,7 +78,7 @@ def refined(source: Source, settings: Settings, rng: np.random.Generator) -> Est
 
 def _smooth(source: Source, settings: Settings, told: Told) -> _Run:
     map_T_start = map_T_last = source.recording.map_T_start
-    tracker = FastEstimator(settings.tracker, map_T_start)
+    tracker = tracker_of(source.recording, settings.tracker)
     graph = GraphInProcess(settings.smoother, map_T_start)
     recorder, latest = LogRecorder(settings.smoother.start(map_T_start)), list[FloatArray]()
 
