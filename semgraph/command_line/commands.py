@@ -314,7 +314,7 @@ def _bench(
 
 def effective_settings(source: str, settings: Settings, perceiver: Perceiver) -> dict[str, Any]:
     """All settings as they hold, defaults included."""
-    effective = settings.model_dump(mode="json")
+    effective = settings.model_dump(mode="json", exclude_none=True)
     options = source_options(source).model_validate(settings.source)
     effective["source"] = options.model_dump(mode="json", exclude_none=True)
     effective["filters"] = [each.model_dump(mode="json") for each in perceiver.filters]
