@@ -160,6 +160,7 @@ def find_closures(
         old,
         graph.covariance_around([*recent, *old], in_sight),
         allowed[np.ix_(rows, columns)],
+        _density(estimate, recent),
         least_log_odds,
     )
 
@@ -171,6 +172,7 @@ def _closures(
     old: Sequence[int],
     covariance: FloatArray,
     allowed: BoolArray,
+    density: float,
     least_log_odds: float,
 ) -> list[Closure]:
     """The pairs of both sides that are sure enough, among those that `allowed` (a, b) permits."""
@@ -183,7 +185,7 @@ def _closures(
         differences,
         covariance,
         allowed,
-        _density(estimate, recent),
+        density,
         outlines2[0][:, None] + outlines2[1][None, :],
     )
     return [
@@ -232,6 +234,17 @@ def _density(estimate: Mapping[int, FloatArray], recent: Sequence[int]) -> float
     return _unmapped(int(near.sum()))
 
 
+def _densities(estimate: Mapping[int, FloatArray]) -> dict[int, float]:
+    """Unmapped landmarks per m2 around each of all."""
+    from scipy.spatial import KDTree
+
+    if not estimate:
+        return {}
+    positions = np.array(list(estimate.values()))
+    counts = KDTree(positions).query_ball_point(positions, _SURROUNDINGS_M, return_length=True)
+    return {name: _unmapped(count) for name, count in zip(estimate, counts.tolist(), strict=True)}
+
+
 def density(graph: FactorGraph, landmark: int) -> float:
     """Unmapped landmarks per m2 around a landmark."""
     return _unmapped(len(graph.near(graph.landmark(landmark), _SURROUNDINGS_M)))
@@ -273,6 +286,7 @@ def duplicates(
     Only pairs with one of `changed` are looked at.
     """
     estimate = graph.estimate().map_t_landmarks
+    densities = _densities(estimate)
     found: list[Closure] = []
     for batch in _batches(_suspects(landmarks, estimate, changed)):
         members = sorted({landmark for recent, old in batch for landmark in (recent, *old)})
@@ -285,7 +299,14 @@ def duplicates(
             found += [
                 closure
                 for closure in _closures(
-                    landmarks, estimate, [recent], group, covariance, every, least_log_odds
+                    landmarks,
+                    estimate,
+                    [recent],
+                    group,
+                    covariance,
+                    every,
+                    densities[recent],
+                    least_log_odds,
                 )
                 if closure.old == group[0]
             ]
