@@ -280,7 +280,7 @@ def test_an_interrupt_ends_both_with_one_line(tmp_path: Path) -> None:
         # The first line of the progress: the run goes on, the graph's process too.
         assert "scans" in process.stdout.readline()
         os.killpg(process.pid, signal.SIGINT)
-        _, errors = process.communicate(timeout=20.0)
+        _, errors = process.communicate(timeout=60.0)
         assert process.returncode == 130
         assert errors == "semgraph: interrupted; nothing was written\n"
     assert list(tmp_path.iterdir()) == []
