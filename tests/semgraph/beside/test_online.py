@@ -267,7 +267,12 @@ def test_it_ends_with_its_parent_with_work_left_as_when_idle(
 
 
 def test_an_interrupt_ends_both_with_one_line(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "semgraph.cli", "run", "course:perceptions", "--online"]
+    # What is started in the background is told to ignore interrupts, and so would this run be.
+    heeding = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from semgraph.cli import main; sys.exit(main())"
+    )
+    command = [sys.executable, "-c", heeding, "run", "course:perceptions", "--online"]
     with subprocess.Popen(
         [*command, "--speed", "0.5"],
         cwd=tmp_path,
