@@ -17,11 +17,12 @@ from scipy.sparse import coo_matrix, csc_matrix
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.graph.condensation import Stretch, whitened_sightings
 from semgraph.graph.information import AT_ONCE, Information
+from semgraph.landmarks import LEAST_RANGE_M
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ranges:
-    """Sightings with the part of their errors that is common to those of a thing.
+    """Sightings whose errors are in part common to all of a thing.
 
     Attributes:
         map_T_bases: (n, 3) poses.
@@ -29,7 +30,7 @@ class Ranges:
         poses, things: (s,) of each sighting, rows of the above.
         polar: (s, 2) range and bearing.
         covariances: (s, 2, 2) of those.
-        common_shares: (s,) of the range's variance.
+        common_shares: (s,) of the range's variance, above 0.
     """
 
     map_T_bases: FloatArray
@@ -84,31 +85,28 @@ class CommonErrors:
 def _pulls(
     size: int, ranges: Ranges, pose_columns: IntArray, thing_columns: IntArray
 ) -> csc_matrix:
-    """(size, g) gradient at all variables by one sigma of the error of each of g things."""
-    has = np.flatnonzero(ranges.common_shares > 0.0)
-    poses, things = ranges.poses[has], ranges.things[has]
-    covariances = ranges.covariances[has]
+    """(size, m) gradient at all variables by one sigma of the error of each of m things."""
+    poses, things = ranges.poses, ranges.things
     stretch = Stretch(
         ranges.map_T_bases,
         np.zeros((0, 3)),
         np.zeros((0, 3, 3)),
         poses,
         things,
-        ranges.polar[has],
-        covariances,
+        ranges.polar,
+        ranges.covariances,
         ranges.map_t_things,
     )
     by_pose, by_thing, _ = whitened_sightings(stretch, ranges.map_T_bases, ranges.map_t_things)
     # To be farther off is to lie further along the line of sight.
     sight = ranges.map_t_things[things] - ranges.map_T_bases[poses, :2]
-    along = sight / np.linalg.norm(sight, axis=1, keepdims=True)
-    sigmas_m = np.sqrt(ranges.common_shares[has] * covariances[:, 0, 0])
+    along = sight / np.maximum(np.linalg.norm(sight, axis=1, keepdims=True), LEAST_RANGE_M)
+    sigmas_m = np.sqrt(ranges.common_shares * ranges.covariances[:, 0, 0])
     errors = np.einsum("sij,sj->si", by_thing, along) * sigmas_m[:, None]
-    _, groups = np.unique(things, return_inverse=True)
     values = [np.einsum("sij,si->sj", by, errors) for by in (by_pose, by_thing)]
     rows = [pose_columns[poses], thing_columns[things]]
-    columns = [np.repeat(groups, 3), np.repeat(groups, 2)]
+    columns = [np.repeat(things, 3), np.repeat(things, 2)]
     data, i, j = (
         np.concatenate([np.ravel(each) for each in parts]) for parts in (values, rows, columns)
     )
-    return coo_matrix((data, (i, j)), shape=(size, int(groups.max(initial=-1)) + 1)).tocsc()
+    return coo_matrix((data, (i, j)), shape=(size, len(thing_columns))).tocsc()

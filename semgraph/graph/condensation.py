@@ -15,7 +15,7 @@ from scipy.linalg import solveh_banded
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import GraphError
-from semgraph.geometry import relative_poses, transform_points, wrap_angle
+from semgraph.geometry import composed_poses, relative_poses, wrap_angle
 from semgraph.measurement_model import CHI2_2DOF_999
 
 
@@ -90,10 +90,10 @@ def condense(stretch: Stretch) -> Condensed:
     between = -solved[:, -1] - solved[:, :-1] @ shift
     shift, between = shift / scale[inner:], (between / scale[:inner]).reshape(-1, 3)
     return Condensed(
-        _moved(first_T_bases[-1:], shift[None, :3])[0],
+        composed_poses(first_T_bases[-1:], shift[None, :3])[0],
         first_t_things + shift[3:].reshape(n, 2),
         (root * scale[inner:]).astype(np.float32),
-        _moved(first_T_bases[1:-1], between).astype(np.float32),
+        composed_poses(first_T_bases[1:-1], between).astype(np.float32),
     )
 
 
@@ -112,7 +112,7 @@ def follow(
     between = condensed.first_T_between.astype(np.float64)
     if which is not None:
         between = between[which]
-    return _moved(np.repeat(map_T_first[None], len(between), axis=0), between)
+    return composed_poses(np.repeat(map_T_first[None], len(between), axis=0), between)
 
 
 def whitened_errors(
@@ -151,12 +151,6 @@ def linearized(
     by_things = of_things @ np.array([[c, s], [-s, c]])
     errors = np.concatenate([off[0], (first_t - condensed.first_t_things).ravel()])
     return root @ errors, by_first, by_last, by_things
-
-
-def _moved(map_T_bases: FloatArray, steps: FloatArray) -> FloatArray:
-    """(n, 3) poses after steps (n, 3) in their own frames."""
-    headings = wrap_angle(map_T_bases[:, 2] + steps[:, 2])
-    return np.column_stack([transform_points(map_T_bases, steps[:, :2]), headings])
 
 
 def _inverse_transform(map_T_base: FloatArray, map_t_points: FloatArray) -> FloatArray:

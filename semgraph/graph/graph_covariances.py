@@ -124,16 +124,14 @@ class GraphCovariances:
 
         Nothing while stretches are condensed: the sightings in those are no more.
         """
-        log = self._solver.log
+        log, nothing = self._solver.log, np.zeros((len(keys), size, size))
         rows = np.flatnonzero((log.common_shares > 0.0) & (log.landmarks != NOWHERE))
         if not len(rows) or not keys or len(self._solver.windows):
-            nothing = np.zeros((len(keys), size, size))
             return nothing, nothing
         try:
             information, columns = self._covariances.information()
         except GraphError as error:
             self._solver.incidents.append(f"covariances without errors in common: {error}")
-            nothing = np.zeros((len(keys), size, size))
             return nothing, nothing
         names, things = np.unique(log.landmarks[rows], return_inverse=True)
         landmarks = names.tolist()
