@@ -60,6 +60,9 @@ _UNPROPOSED: Final = 0.2
 _SAME_RAD: Final = 0.3
 # Particles farther apart than twice this are too few to begin with; then proposals alone begin.
 _COARSEST_M: Final = 0.3
+# A scan is weighed anew as long as the particles come nearer to each other by this.
+_NEARER: Final = 0.7
+_MOST_STEPS: Final = 6
 
 
 class FilterSettings(BaseModel):
@@ -250,19 +253,34 @@ class ParticleFilter:
 
     def _weigh(self, seen: Seen) -> float:
         """Log of how much better what is followed, weighed, explains the scan than elsewhere."""
-        is_one_place = self._is_one_place()
-        if is_one_place:
-            poses, log_weights = self._refined(seen)
-        else:
-            poses = self._particles.poses
-            blurred = seen.blurred(*self._blur)
-            with np.errstate(divide="ignore"):
-                log_weights = np.log(self._particles.weights)
-            log_weights = log_weights + self._likelihood.log_likelihoods(blurred, poses)
+        if not self._is_one_place():
+            return self._weigh_in_steps(seen)
+        poses, log_weights = self._refined(seen)
         evidence = log_sum(log_weights)
         self._particles = Particles(poses, np.exp(log_weights - evidence))
-        if not is_one_place:
+        return evidence
+
+    def _weigh_in_steps(self, seen: Seen) -> float:
+        """The same of particles far apart: each step leaves them nearer and weighs them sharper.
+
+        A blurred scan favours the many places where little fits to the one where all of it does.
+
+        Source: annealed particle filter, Deutscher et al. 2000.
+        """
+        evidence = 0.0
+        before: FloatArray = np.zeros(len(self._particles))
+        for _ in range(_MOST_STEPS):
+            poses, blur = self._particles.poses, self._blur
+            fits = self._likelihood.log_likelihoods(seen.blurred(*blur), poses)
+            with np.errstate(divide="ignore"):
+                log_weights = np.log(self._particles.weights) + fits - before
+            log_total = log_sum(log_weights)
+            evidence += log_total
+            self._particles = Particles(poses, np.exp(log_weights - log_total))
             self._resample()
+            if self._is_compact() or self._blur[0] > _NEARER * blur[0]:
+                break
+            before = self._likelihood.log_likelihoods(seen.blurred(*blur), self._particles.poses)
         return evidence
 
     def _propose(self, lately: Lately) -> None:

@@ -256,3 +256,21 @@ def test_hardly_any_sample_with_weight_is_drawn_anew() -> None:
     assert found.effective > 10.0
     np.testing.assert_allclose(found.gaussian().mean, narrow.mean, atol=0.1)
     assert 0.1 < np.sqrt(found.gaussian().covariance[0, 0]) < 0.3
+
+
+def test_particles_far_apart_find_the_place_where_all_fits() -> None:
+    """Five of many trees: elsewhere some of them fit, and particles half a metre apart are near."""
+    found = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        trees, pose = fixed(rng.uniform(0, 60, (80, 2))), Pose2(30, 30, rng.uniform(-3, 3))
+        model, settings = (
+            PoseLikelihood(trees, LikelihoodSettings()),
+            FilterSettings(most_particles=50_000),
+        )
+        particles = ParticleFilter(model, settings, np.random.default_rng(seed))
+        particles.start_within(np.array([33.0, 26.0]), 8.0)
+        seen = perceive(trees, pose, 0, rng)
+        nearest = seen.select(np.argsort(seen.ranges_m)[:5])
+        found.append(error(particles.step(nearest, STILL), pose)[0] < 0.3)
+    assert np.mean(found) > 0.93
