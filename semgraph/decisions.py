@@ -18,6 +18,7 @@ class What(Enum):
     TAKEN_BACK = "taken back"
     MOVING = "moving"
     GONE = "gone"
+    LEFT_OUT = "left out"
 
 
 MADE_ONE: Final = (What.LOOP_CLOSED, What.RESUMED, What.DUPLICATE)
@@ -45,12 +46,14 @@ class Decision:
     why: str = ""
 
     def __str__(self) -> str:
+        where = f"{self.what.value} at scan {self.scan}: {self.kind.label} {self.landmark}"
+        if self.what is What.LEFT_OUT:
+            return f"{where}, {self.why} sightings fit nothing"
         verb = "is not" if self.what is What.TAKEN_BACK else "is"
         other = f" {verb} {self.other}" if self.other >= 0 else ""
         odds = f", log odds {self.log_odds:.1f}" if np.isfinite(self.log_odds) else ""
         why = f", {self.why}" if self.why else ""
-        where = f"{self.what.value} at scan {self.scan}"
-        return f"{where}: {self.kind.label} {self.landmark}{other}{why}{odds}"
+        return f"{where}{other}{why}{odds}"
 
 
 class DecisionLog:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from semgraph.arrays import BoolArray, FloatArray
-from semgraph.geometry import Pose2, wrap_angle
+from semgraph.geometry import Pose2, points_from, wrap_angle
 
 # Chi-square quantiles of 2 degrees of freedom, the gates of one sighting.
 CHI2_2DOF_99: Final = 9.2103
@@ -33,6 +33,22 @@ def predict(map_T_base: Pose2, map_t_landmarks: FloatArray) -> FloatArray:
 def innovations(predicted: FloatArray, ranges_m: FloatArray, bearings: FloatArray) -> FloatArray:
     """(n, 2) measured minus predicted (range, bearing), the bearing wrapped."""
     return np.column_stack([ranges_m - predicted[:, 0], wrap_angle(bearings - predicted[:, 1])])
+
+
+def misfits2(
+    map_T_bases: FloatArray, map_t_landmarks: FloatArray, polar: FloatArray, covariances: FloatArray
+) -> FloatArray:
+    """(n,) squared Mahalanobis distances of sightings, each from a pose and of a landmark.
+
+    Args:
+        map_T_bases: (n, 3).
+        map_t_landmarks: (n, 2) m.
+        polar: (n, 2) range and bearing, as measured.
+        covariances: (n, 2, 2) of those.
+    """
+    x, y = points_from(map_T_bases, map_t_landmarks).T
+    predicted = np.column_stack([np.hypot(x, y), np.arctan2(y, x)])
+    return mahalanobis2(innovations(predicted, *polar.T), covariances)
 
 
 def jacobians(map_T_base: Pose2, map_t_landmarks: FloatArray) -> tuple[FloatArray, FloatArray]:

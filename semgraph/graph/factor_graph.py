@@ -12,8 +12,9 @@ from semgraph.graph.factors import ROBUST_CHI2, Sighting, check_definite, check_
 from semgraph.graph.graph_covariances import GraphCovariances
 from semgraph.graph.graph_log import Sighted
 from semgraph.graph.graph_solver import JUMP_M, GraphEstimate, GraphSolver
+from semgraph.graph.strays import strays
 from semgraph.graph.windows import NONE
-from semgraph.measurement_model import innovations, mahalanobis2, predict
+from semgraph.measurement_model import misfits2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -236,6 +237,21 @@ class FactorGraph:
         self._solver.polish()
         self._covariances.forget()
 
+    def leave_out_strays(self, landmarks: Set[int]) -> dict[int, Sighted]:
+        """Takes out sightings of these landmarks that fit nothing, and moves to the optimum again.
+
+        Returns:
+            what was taken out, by landmark.
+        """
+        log = self._solver.log
+        rows = strays(log, self.estimate(), landmarks)
+        names = log.landmarks[rows]
+        left_out = {name: log.some(rows[names == name]) for name in np.unique(names).tolist()}
+        if len(rows):
+            log.leave_out(rows)
+            self.polish()
+        return left_out
+
     def update(self, *, relinearize: bool = False) -> None:
         """Takes in all that was added since the last update.
 
@@ -328,10 +344,12 @@ class FactorGraph:
     def _misfits(self, rows: IntArray, place: FloatArray) -> FloatArray:
         """(k,) chi-squares of sightings, if their landmark were at a place (2,)."""
         log = self._solver.log
-        poses = map(Pose2.from_array, self.poses(log.poses[rows]))
-        predicted = np.array([predict(pose, place[None])[0] for pose in poses])
-        differences = innovations(predicted, *log.polar[rows].T)
-        return mahalanobis2(differences, log.covariances(rows))
+        return misfits2(
+            self.poses(log.poses[rows]),
+            np.tile(place, (len(rows), 1)),
+            log.polar[rows],
+            log.covariances(rows),
+        )
 
     def _restart(self, estimate: GraphEstimate) -> None:
         self._solver.start_from(estimate)

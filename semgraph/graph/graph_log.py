@@ -158,7 +158,10 @@ class GraphLog:
 
     def sighted(self, landmark: int) -> Sighted:
         """All sightings of a landmark."""
-        rows = self.rows(landmark)
+        return self.some(self.rows(landmark))
+
+    def some(self, rows: IntArray) -> Sighted:
+        """The sightings of some rows (k,)."""
         return Sighted(
             self.poses[rows], self.tracks[rows], self.polar[rows], self.covariances(rows)
         )
@@ -177,12 +180,17 @@ class GraphLog:
 
     def hand_over(self, rows: IntArray, landmark: int) -> None:
         """These are sightings of another landmark now."""
+        self.leave_out(rows)
+        self.landmarks[rows] = landmark
+        self._rows[landmark].extend(rows.tolist())
+
+    def leave_out(self, rows: IntArray) -> None:
+        """These are sightings of nothing."""
         leaving = set(rows.tolist())
         for name in np.unique(self.landmarks[rows]).tolist():
             kept = (row for row in self._rows[name] if row not in leaving)
             self._rows[name] = array("i", kept)
-        self.landmarks[rows] = landmark
-        self._rows[landmark].extend(rows.tolist())
+        self.landmarks[rows] = NOWHERE
 
     def forget(self, landmark: int) -> None:
         """It is no more, and what is still a sighting of it is of nothing."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from semgraph.arrays import FloatArray
+from semgraph.arrays import FloatArray, IntArray
 from semgraph.geometry import Pose2, UncertainPose2
 
 _NOTHING = UncertainPose2(Pose2(), np.zeros((3, 3)))
@@ -45,6 +45,11 @@ class Keyframes:
         """That scan hangs on the last pose of the graph."""
         self._between[len(self._poses)] = self.since_last
         self._poses.append(last_pose)
+
+    def scans_of(self, poses: IntArray) -> IntArray:
+        """(n,) the scans that are these poses of the graph (n,), the start being none."""
+        scans: IntArray = np.searchsorted(self._poses, poses)
+        return scans
 
     def trajectory(self, map_T_poses: FloatArray) -> FloatArray:
         """(n, 3) map_T_base of all scans, from those of the graph's poses (m, 3).

@@ -1,7 +1,7 @@
 """Which tracks are which landmark: what was made one, and can be made two again."""
 
 import copy
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -86,10 +86,18 @@ class LandmarkRegistry:
             if track.last_scan >= since_scan and not track.is_moving
         ]
 
-    def landmark_ids(self, tracker_ids: IntArray) -> IntArray:
-        """(n,) the landmark of each track (n,); -1 stays -1, and of what was dropped it is."""
-        found = [self._by_tracker_id[k].landmark if k >= 0 else -1 for k in tracker_ids.tolist()]
-        found = [landmark if landmark in self.landmarks else -1 for landmark in found]
+    def landmark_ids(self, tracker_ids: IntArray, left_out: Set[int] = frozenset()) -> IntArray:
+        """(n,) the landmark of each track (n,).
+
+        -1 stays -1; of what was dropped, and of the tracks whose numbers are left out, it is -1.
+        """
+        tracks = [self._by_tracker_id.get(k) for k in tracker_ids.tolist()]
+        found = [
+            track.landmark
+            if track and track.landmark in self.landmarks and track.number not in left_out
+            else -1
+            for track in tracks
+        ]
         return np.array(found, dtype=np.int64)
 
     def may_merge(self, closure: Closure) -> bool:

@@ -72,6 +72,8 @@ class Smoother:
         self._reliabilities = dict.fromkeys(Kind, (0, 0.0))
         self._stamps_ns = array("q")
         self._tracker_ids = Ragged()
+        # By scan the numbers of tracks whose sightings were of something else.
+        self._left_out: dict[int, set[int]] = {}
         self._last_fast: Pose2 | None = None
         self._guess = map_T_start
         self._decided = DecisionLog()
@@ -138,6 +140,19 @@ class Smoother:
         ]
         if self._merging.take_back(merged):
             self._graph.polish()
+        note("settling, sightings that fit nothing left out")
+        self._leave_out_strays()
+
+    def _leave_out_strays(self) -> None:
+        """An identity says more than where something is seen: what has one keeps its sightings."""
+        nameless = {k for k, known in self._registry.landmarks.items() if not known.identity}
+        for landmark, strays in self._graph.leave_out_strays(nameless).items():
+            scans = self._keyframes.scans_of(strays.poses).tolist()
+            for scan, track in zip(scans, strays.tracks.tolist(), strict=True):
+                self._left_out.setdefault(scan, set()).add(track)
+            count = len(strays) + self._graph.num_sightings(landmark)
+            kind, why = self._registry.landmarks[landmark].kind, f"{len(strays)} of {count}"
+            self._decided.add(What.LEFT_OUT, kind, landmark, why=why)
 
     def latest(self) -> Pose2:
         """map_T_base of the last scan: by the last update, and by the fast estimates since."""
@@ -159,11 +174,13 @@ class Smoother:
     def associations(self) -> dict[int, IntArray]:
         """By stamp, the landmark that each perception was taken for in the end, -1 for none.
 
-        What was taken out since it moves is none.
+        What was taken out since it moves is none, nor is a sighting that fitted nothing.
         """
         return {
-            stamp_ns: self._registry.landmark_ids(ids)
-            for stamp_ns, ids in zip(self._stamps_ns, self._tracker_ids, strict=True)
+            stamp_ns: self._registry.landmark_ids(ids, self._left_out.get(scan, frozenset()))
+            for scan, (stamp_ns, ids) in enumerate(
+                zip(self._stamps_ns, self._tracker_ids, strict=True)
+            )
         }
 
     def landmarks(self) -> tuple[Landmark, ...]:

@@ -8,9 +8,9 @@ import numpy as np
 
 from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.files.run_log import RunLog
-from semgraph.geometry import Pose2, UncertainPose2, relative_poses, wrap_angle
+from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions, concatenate
-from semgraph.measurement_model import mahalanobis2
+from semgraph.measurement_model import misfits2
 from sensors.views import View
 
 
@@ -95,15 +95,9 @@ class Batch:
         self, rows: IntArray, map_T_bases: FloatArray, map_t_landmarks: FloatArray
     ) -> FloatArray:
         """(k,) squared Mahalanobis distances of perceptions `rows` (k,) from landmarks (k, 2)."""
-        things = np.column_stack([map_t_landmarks, np.zeros(len(rows))])
-        x, y, _ = relative_poses(map_T_bases[self.scans[rows]], things).T
-        innovations = np.column_stack(
-            [
-                self.seen.ranges_m[rows] - np.hypot(x, y),
-                wrap_angle(self.seen.bearings[rows] - np.arctan2(y, x)),
-            ]
-        )
-        return mahalanobis2(innovations, self.covariances[rows])
+        polar = np.column_stack([self.seen.ranges_m[rows], self.seen.bearings[rows]])
+        poses = map_T_bases[self.scans[rows]]
+        return misfits2(poses, map_t_landmarks, polar, self.covariances[rows])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
