@@ -9,13 +9,18 @@ import pytest
 
 from evaluation.consistency import bounds_of_mean, gauge, pose_nees
 from evaluation.metrics import judge
-from semgraph.arrays import FloatArray
+from semgraph.arrays import FloatArray, IntArray
+from semgraph.decisions import What
+from semgraph.files.yaw_rates import YawRateLog
+from semgraph.graph.smoother import Smoother
 from semgraph.landmarks import Kind, Perceptions
+from semgraph.moments import moments
 from semgraph.perceiving import Perceiver
 from semgraph.pipeline import run
 from semgraph.progress import Silence
 from semgraph.results import RunResult
 from semgraph.settings import load_settings
+from semgraph.tracking import tracker_of
 from sensors.measurements import Measurement, Recording
 from sensors.simulation.courses.perceptions import CourseOptions, read
 from sensors.truth import Source
@@ -237,3 +242,25 @@ def test_one_identity_seen_by_two_sensors_from_the_first_moment_is_one_landmark(
     ]
     result = ran(Recording("two sensors", both, len(both)))
     assert sorted(each.semantics.identity for each in result.landmarks) == ["7", "8"]
+
+
+def test_a_perception_taken_for_the_wrong_tree_is_of_none_in_the_end() -> None:
+    recording, settings = small(odometry=True).recording, load_settings(None, [])
+    tracker = tracker_of(recording, settings.tracker)
+    smoother = Smoother(settings.smoother, recording.map_T_start)
+    swapped: dict[int, IntArray] = {}
+    for moment in moments(recording, Perceiver(recording, settings), YawRateLog()):
+        step = tracker.step(moment.perceptions, moment.odometry)
+        two = np.flatnonzero(step.landmark_ids >= 0)[:2]
+        if len(two) == 2 and step.landmark_ids[two].min() > 8 and len(swapped) < 3:
+            step.landmark_ids[two] = step.landmark_ids[two[::-1]]
+            swapped[step.stamp_ns] = two
+        smoother.add(step, moment.perceptions, moment.views)
+    smoother.finish(lambda _: None)
+    associations = smoother.associations()
+    assert len(swapped) == 3
+    assert all((associations[stamp_ns][two] == -1).all() for stamp_ns, two in swapped.items())
+    left = [each for each in smoother.decisions if each.what is What.LEFT_OUT]
+    assert any(str(each).endswith("sightings fit nothing") for each in left)
+    share = np.mean([(ids >= 0).mean() for ids in associations.values() if len(ids)])
+    assert share > 0.9
