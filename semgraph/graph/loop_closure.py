@@ -7,7 +7,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from semgraph.arrays import BoolArray, FloatArray
-from semgraph.graph.association import associate
+from semgraph.graph.association import associate, log_odds_of_pairs
 from semgraph.graph.existence import Evidence, Existence
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.landmarks import Kind, Perceptions, SemanticObject, semantic_object
@@ -289,38 +289,55 @@ def duplicates(
     densities = _densities(estimate)
     found: list[Closure] = []
     for batch in _batches(_suspects(landmarks, estimate, changed)):
-        members = sorted({landmark for recent, old in batch for landmark in (recent, *old)})
-        joint = graph.landmark_covariance(members)
-        for recent, group in _with_rivals(landmarks, batch):
-            rows = 2 * np.searchsorted(members, [recent, *group])
-            rows = np.column_stack([rows, rows + 1]).ravel()
-            every = np.ones((1, len(group)), dtype=np.bool_)
-            covariance = joint[np.ix_(rows, rows)]
+        log_odds = _log_odds(graph, landmarks, estimate, densities, batch)
+        for (recent, old), odds in zip(batch, log_odds, strict=True):
             found += [
-                closure
-                for closure in _closures(
-                    landmarks,
-                    estimate,
-                    [recent],
-                    group,
-                    covariance,
-                    every,
-                    densities[recent],
-                    least_log_odds,
-                )
-                if closure.old == group[0]
+                Closure(recent, one, its_odds)
+                for one, its_odds in _against_rivals(landmarks, old, odds)
+                if its_odds >= least_log_odds
             ]
     return _disjoint(found)
 
 
-def _with_rivals(
-    landmarks: dict[int, GraphLandmark], suspects: Iterable[tuple[int, list[int]]]
-) -> Iterator[tuple[int, list[int]]]:
-    """Each suspect with each landmark that it may be, followed by those that are not that one."""
-    for recent, old in suspects:
-        for one in old:
-            others = (each for each in old if each != one)
-            yield recent, [one, *(x for x in others if not landmarks[one].may_be(landmarks[x]))]
+def _log_odds(
+    graph: Solved,
+    landmarks: Mapping[int, GraphLandmark],
+    estimate: Mapping[int, FloatArray],
+    densities: Mapping[int, float],
+    batch: Sequence[tuple[int, list[int]]],
+) -> list[FloatArray]:
+    """Of each suspect's pairs, (k,) for k older landmarks: how surely each is one and not new."""
+    members = sorted({landmark for recent, old in batch for landmark in (recent, *old)})
+    joint = graph.landmark_covariance(members).reshape(len(members), 2, len(members), 2)
+    pairs = np.array([(recent, one) for recent, old in batch for one in old])
+    first, second = np.searchsorted(members, pairs).T
+    places = np.array([estimate[each] for each in members])
+    outlines2 = np.array([landmarks[each].outline_sigma_m() ** 2 for each in members])
+    cross = joint[first, :, second]
+    covariances = (
+        joint[first, :, first]
+        + joint[second, :, second]
+        - cross
+        - cross.transpose(0, 2, 1)
+        + (outlines2[first] + outlines2[second])[:, None, None] * np.eye(2)
+    )
+    log_odds = log_odds_of_pairs(
+        places[first] - places[second],
+        covariances,
+        np.array([densities[recent] for recent in pairs[:, 0].tolist()]),
+    )
+    return np.split(log_odds, np.cumsum([len(old) for _, old in batch])[:-1])
+
+
+def _against_rivals(
+    landmarks: Mapping[int, GraphLandmark], old: Sequence[int], log_odds: FloatArray
+) -> Iterator[tuple[int, float]]:
+    """Each older landmark with how surely it is the one, against those that are not that one."""
+    possible = np.flatnonzero(np.isfinite(log_odds)).tolist()
+    for k in possible:
+        one = landmarks[old[k]]
+        rivals = (log_odds[j] for j in possible if j != k and not one.may_be(landmarks[old[j]]))
+        yield old[k], float(min(log_odds[k], log_odds[k] - max(rivals, default=0.0)))
 
 
 def _suspects(

@@ -1,9 +1,14 @@
 """What is known of a landmark beside its position, and which landmarks of a graph are one."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
+from semgraph.arrays import FloatArray
 from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.graph.association import associate
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.graph.factors import Sighting
 from semgraph.graph.loop_closure import Closure, GraphLandmark, duplicates, find_closures
@@ -211,3 +216,51 @@ def test_an_empty_graph_has_no_duplicates() -> None:
     graph = FactorGraph(START)
     graph.update()
     assert duplicates(graph, {}, set(), LEAST) == []
+
+
+@dataclass(frozen=True)
+class Gaussians:
+    """Landmarks by their joint Gaussian alone."""
+
+    map_t_landmarks: dict[int, FloatArray]
+    joint: FloatArray
+
+    def estimate(self) -> "Gaussians":
+        return self
+
+    def landmark_covariance(self, landmarks: Sequence[int]) -> FloatArray:
+        rows = np.column_stack([2 * np.array(landmarks), 2 * np.array(landmarks) + 1]).ravel()
+        joint: FloatArray = self.joint[np.ix_(rows, rows)]
+        return joint
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_duplicate_is_what_joint_compatibility_with_its_rivals_makes_it(seed: int) -> None:
+    rng, count = np.random.default_rng(seed), 12
+    places = rng.uniform(0.0, 1.5, (count, 2))
+    half = 0.1 * rng.standard_normal((2 * count, 2 * count))
+    graph = Gaussians(dict(enumerate(places)), half @ half.T + 1e-3 * np.eye(2 * count))
+    known = {k: landmark(*rng.integers(0, 8, 2).tolist()) for k in range(count)}
+    surest: dict[int, tuple[float, int]] = {}
+    for recent in range(count):
+        old = [k for k in range(recent) if known[recent].may_be(known[k])]
+        for one in old:
+            group = [one, *(k for k in old if k != one and not known[one].may_be(known[k]))]
+            pairs = associate(
+                places[[recent]][:, None] - places[group],
+                graph.landmark_covariance([recent, *group]),
+                np.ones((1, len(group)), dtype=np.bool_),
+                0.1 * (1 + count) / (np.pi * 20.0**2),
+                np.full((1, len(group)), 2 * 0.014**2),
+            )
+            if pairs and pairs[0].old == 0 and pairs[0].log_odds >= 1.0:
+                surest[recent] = max(surest.get(recent, (0.0, -1)), (pairs[0].log_odds, one))
+    found = duplicates(graph, known, set(known), 1.0)
+    assert found
+    best = found[0]
+    odds, one = max(surest.values())
+    assert best.old == one
+    assert best.log_odds == pytest.approx(odds)
+    assert all(
+        each.log_odds <= surest[each.recent][0] + 1e-9 and each.recent in surest for each in found
+    )
