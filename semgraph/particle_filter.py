@@ -60,6 +60,13 @@ _UNPROPOSED: Final = 0.2
 _SAME_RAD: Final = 0.3
 # Particles farther apart than twice this are too few to begin with; then proposals alone begin.
 _COARSEST_M: Final = 0.3
+# A smaller share of the particles that carries weight says little.
+_ENOUGH_EFFECTIVE: Final = 0.1
+# Where most of several things are not explained, a place near by may be the true one.
+_SEVERAL: Final = 3
+_SLIP: Final = 1e-3
+_SLIP_SIGMAS: Final = np.array([0.5, 0.5, 0.3])
+_SLIP_PARTICLES: Final = 2000
 # A scan is weighed anew as long as the particles come nearer to each other by this.
 _NEARER: Final = 0.7
 _MOST_STEPS: Final = 6
@@ -255,10 +262,53 @@ class ParticleFilter:
         """Log of how much better what is followed, weighed, explains the scan than elsewhere."""
         if not self._is_one_place():
             return self._weigh_in_steps(seen)
-        poses, log_weights = self._refined(seen)
-        evidence = log_sum(log_weights)
-        self._particles = Particles(poses, np.exp(log_weights - evidence))
+        before = self._particles
+        evidence = self._weigh_at_one_place(seen)
+        if evidence > 0.0 and self._explains_little(seen):
+            self._particles = self._after_a_slip(before)
+            self._weigh_in_steps(seen)
         return evidence
+
+    def _weigh_at_one_place(self, seen: Seen) -> float:
+        """The same; where hardly any particle has weight, they are drawn where the scan is."""
+        log_weights = self._log_weights(seen)
+        weighed = _weighed(self._particles.poses, log_weights)
+        if weighed.effective < _ENOUGH_EFFECTIVE * len(weighed):
+            poses, log_weights = self._refined(seen)
+            weighed = _weighed(poses, log_weights)
+        elif weighed.effective < 0.5 * len(weighed):
+            weighed = self._drawn_again(weighed)
+        self._particles = weighed
+        return log_sum(log_weights)
+
+    def _drawn_again(self, particles: Particles) -> Particles:
+        """As few as there may be, by weight."""
+        n = self._settings.least_particles
+        return Particles.alike(particles.poses[systematic(particles.weights, n, self._rng)])
+
+    def _explains_little(self, seen: Seen) -> bool:
+        """Whether most of several things are not where the map has them, seen from one place."""
+        if len(seen) < _SEVERAL or not self._is_compact():
+            return False
+        here = self._particles.gaussian().mean
+        return 2 * self._likelihood.num_explained(seen, here) <= len(seen)
+
+    def _after_a_slip(self, before: Particles) -> Particles:
+        """The particles, and others around them: a near place may have been taken for the true one.
+
+        Where things stand close together and few are seen at once, several near places explain
+        them alike, and the one that wins may be the wrong one.
+        """
+        here = before.gaussian()
+        around = Gaussian(here.mean, here.covariance + np.diag(_SLIP_SIGMAS**2))
+        volume = (4.0 * np.pi) ** 1.5 * float(np.prod(_SLIP_SIGMAS))
+        self._blur = _blur(volume / _SLIP_PARTICLES)
+        weights = [
+            (1.0 - _SLIP) * before.weights,
+            np.full(_SLIP_PARTICLES, _SLIP / _SLIP_PARTICLES),
+        ]
+        poses = [before.poses, around.draw(_SLIP_PARTICLES, self._rng)]
+        return Particles(np.concatenate(poses), np.concatenate(weights))
 
     def _weigh_in_steps(self, seen: Seen) -> float:
         """The same of particles far apart: each step leaves them nearer and weighs them sharper.
@@ -271,17 +321,20 @@ class ParticleFilter:
         before: FloatArray = np.zeros(len(self._particles))
         for _ in range(_MOST_STEPS):
             poses, blur = self._particles.poses, self._blur
-            fits = self._likelihood.log_likelihoods(seen.blurred(*blur), poses)
-            with np.errstate(divide="ignore"):
-                log_weights = np.log(self._particles.weights) + fits - before
-            log_total = log_sum(log_weights)
-            evidence += log_total
-            self._particles = Particles(poses, np.exp(log_weights - log_total))
+            log_weights = self._log_weights(seen.blurred(*blur)) - before
+            evidence += log_sum(log_weights)
+            self._particles = _weighed(poses, log_weights)
             self._resample()
             if self._is_compact() or self._blur[0] > _NEARER * blur[0]:
                 break
             before = self._likelihood.log_likelihoods(seen.blurred(*blur), self._particles.poses)
         return evidence
+
+    def _log_weights(self, seen: Seen) -> FloatArray:
+        """(n,) of the particles where they are, by a scan."""
+        with np.errstate(divide="ignore"):
+            log_weights: FloatArray = np.log(self._particles.weights)
+        return log_weights + self._likelihood.log_likelihoods(seen, self._particles.poses)
 
     def _propose(self, lately: Lately) -> None:
         """Weighs places of the rest beside what is followed, which one of them may succeed."""
@@ -310,8 +363,7 @@ class ParticleFilter:
         )
 
     def _follow(self, place: Particles, certain: float) -> None:
-        n = self._settings.least_particles
-        self._particles = Particles.alike(place.poses[systematic(place.weights, n, self._rng)])
+        self._particles = self._drawn_again(place)
         self._blur = (0.0, 0.0)
         self._elsewhere = Elsewhere(1.0 - certain, driven_m=0.0)
         self._region = Region()
@@ -378,6 +430,10 @@ class ParticleFilter:
         poses[:, 2] = wrap_angle(poses[:, 2])
         self._particles = Particles.alike(poses)
         self._blur = (0.0, 0.0) if self._is_compact() else _blur(volume_of_bins(bins) / n)
+
+
+def _weighed(poses: FloatArray, log_weights: FloatArray) -> Particles:
+    return Particles(poses, np.exp(log_weights - log_sum(log_weights)))
 
 
 # At what distance a turn matters as much as a move.

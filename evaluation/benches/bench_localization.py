@@ -139,8 +139,12 @@ def kidnappings(file: Path, seeds: Sequence[int]) -> list[Row]:
 
 
 def false_alarms(run: Run) -> int:
-    """How often it thinks itself lost where it is not, having been sure before."""
+    """How often it thinks itself lost where it is not, having been sure before.
+
+    Who is carried off and finds itself again in the same scan was right to doubt.
+    """
     is_alarm = (run.qualities[1:] < _LOST) & (run.qualities[:-1] >= _LOST)
+    is_alarm &= ~np.isin(np.arange(1, len(run.qualities)), _CARRIED_OFF_AT)
     return int((is_alarm & (run.errors_m[1:] < _FAR_M) & (run.errors_m[:-1] < _FAR_M)).sum())
 
 

@@ -148,6 +148,14 @@ class PoseLikelihood:
         rows, columns = np.arange(len(seen))[:, None], np.arange(len(self._map))[None]
         return self._field.log_likelihoods(seen, map_T_bases, self.log_weights(seen, rows, columns))
 
+    def num_explained(self, seen: Seen, map_T_base: FloatArray) -> int:
+        """How many perceptions are rather of something in the map than not, from a pose (3,)."""
+        columns = self.candidates(seen, map_T_base, 0.0, 0.0)
+        if not columns.size:
+            return 0
+        logs = self.pair_log_likelihoods(seen, map_T_base[None], columns, float(map_T_base[2]))
+        return int((logs[0].max(axis=1) > seen.log_clutter).sum())
+
     def candidates(
         self, seen: Seen, map_T_base: FloatArray, moved_m: float, turned: float
     ) -> IntArray:

@@ -90,6 +90,7 @@ def test_calibration_is_the_worst_bin_with_enough_poses() -> None:
 def test_alarms_count_where_nothing_is_wrong() -> None:
     assert false_alarms(run_of([0.1, 0.1, 0.1, 0.1], [1.0, 0.3, 0.9, 0.2])) == 2
     assert false_alarms(run_of([0.1, 30.0, 30.0], [1.0, 0.9, 0.1])) == 0
+    assert false_alarms(run_of([0.1] * 102, [1.0] * 100 + [0.4, 1.0])) == 0
 
 
 def test_the_ratio_is_of_found_poses() -> None:
