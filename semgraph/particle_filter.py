@@ -12,20 +12,17 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from semgraph.arrays import FloatArray, IntArray
-from semgraph.geometry import UncertainPose2, composed_poses, wrap_angle
+from semgraph.geometry import UncertainPose2, wrap_angle
 from semgraph.known_map.belief import Belief, Region
 from semgraph.known_map.expected_sights import ExpectedSights, Lately
+from semgraph.known_map.followed import WIDER, Followed
 from semgraph.known_map.likelihood_field import Seen
 from semgraph.known_map.particles import (
     Gaussian,
     Particles,
     evenly_within,
     importance_samples,
-    kld_number,
     log_sum,
-    num_bins,
-    systematic,
-    volume_of_bins,
 )
 from semgraph.known_map.pose_likelihood import LikelihoodSettings, PoseLikelihood
 from semgraph.known_map.pose_proposals import PoseProposals
@@ -35,11 +32,6 @@ from semgraph.landmarks import Perceptions
 _SEEDS_EACH: Final = 40
 # A place whose weight fewer seeds carry is not followed yet.
 _LEAST_EFFECTIVE: Final = 3.0
-# Seeds and refined particles are drawn wider than what they stand for.
-_WIDER: Final = 1.3
-# Below this spread the cloud is one Gaussian.
-_COMPACT_M: Final = 0.5
-_COMPACT_RAD: Final = 0.1
 # How surely a start is right, within a radius or at a pose.
 _START_IS_RIGHT: Final = 0.99
 _START_ERRS: Final = 0.01
@@ -58,18 +50,6 @@ _FOLLOWED_ABOVE: Final = 0.99
 _UNPROPOSED: Final = 0.2
 # Proposed places as near as this to the one that is followed are the same.
 _SAME_RAD: Final = 0.3
-# Particles farther apart than twice this are too few to begin with; then proposals alone begin.
-_COARSEST_M: Final = 0.3
-# A smaller share of the particles that carries weight says little.
-_ENOUGH_EFFECTIVE: Final = 0.1
-# Where most of several things are not explained, a place near by may be the true one.
-_SEVERAL: Final = 3
-_SLIP: Final = 1e-3
-_SLIP_SIGMAS: Final = np.array([0.5, 0.5, 0.3])
-_SLIP_PARTICLES: Final = 2000
-# A scan is weighed anew as long as the particles come nearer to each other by this.
-_NEARER: Final = 0.7
-_MOST_STEPS: Final = 6
 
 
 class FilterSettings(BaseModel):
@@ -96,6 +76,8 @@ class ParticleFilter:
     ) -> None:
         self._likelihood = likelihood
         self._proposals = PoseProposals(likelihood)
+        least, most = settings.least_particles, settings.most_particles
+        self._followed = Followed(likelihood, self._proposals, least, most, rng)
         self._sights = ExpectedSights(likelihood.fixed_map, np.random.default_rng(0))
         self._settings = settings
         self._rng = rng
@@ -109,7 +91,7 @@ class ParticleFilter:
     def start_anywhere(self) -> None:
         """Nothing is known."""
         fixed_map = self._likelihood.fixed_map
-        n = self._num_spread(fixed_map.area_m2)
+        n = self._followed.num_spread(fixed_map.area_m2)
         points = self._rng.uniform(*fixed_map.bounds(), (n, 2))
         headings = self._rng.uniform(-np.pi, np.pi, n)
         self._spread(np.column_stack([points, headings]), fixed_map.area_m2, Region())
@@ -118,7 +100,7 @@ class ParticleFilter:
         """The robot is within a radius of a point (2,), its heading unknown."""
         area_m2 = np.pi * radius_m**2
         x, y = map_t_point.tolist()
-        poses = evenly_within((x, y), radius_m, self._num_spread(area_m2), self._rng)
+        poses = evenly_within((x, y), radius_m, self._followed.num_spread(area_m2), self._rng)
         self._spread(poses, area_m2, Region((x, y), radius_m, _START_IS_RIGHT))
 
     @property
@@ -128,27 +110,16 @@ class ParticleFilter:
 
     def start_at(self, map_T_base: UncertainPose2, doubt: Elsewhere | None = None) -> None:
         """The pose is known with a covariance, but for a doubt: then it is near, or anywhere."""
-        gaussian = Gaussian.of_pose(map_T_base)
-        poses = gaussian.draw(self._settings.least_particles, self._rng)
-        self._particles = Particles.alike(poses)
+        self._followed.begin_at(Gaussian.of_pose(map_T_base))
         self._elsewhere = doubt or Elsewhere(_START_ERRS)
         self._region = Region((map_T_base.pose.x, map_T_base.pose.y), _NEAR_M, _IS_NEAR)
         self._follows = True
-        self._blur = (0.0, 0.0)
         self._proposed = None
 
-    def _num_spread(self, area_m2: float) -> int:
-        """As many particles as there may be, or few where these would stand too far apart."""
-        most = self._settings.most_particles
-        is_fine = _blur(2.0 * np.pi * area_m2 / most)[0] <= _COARSEST_M
-        return most if is_fine else self._settings.least_particles
-
     def _spread(self, poses: FloatArray, area_m2: float, region: Region) -> None:
-        n = len(poses)
-        self._particles = Particles.alike(poses)
+        self._followed.begin(poses, 2.0 * np.pi * area_m2)
         self._region = region
-        self._blur = _blur(2.0 * np.pi * area_m2 / n)
-        self._follows = n > self._settings.least_particles
+        self._follows = len(poses) > self._settings.least_particles
         rest = _START_ERRS if self._follows else 1.0 - 1e-9
         self._elsewhere = Elsewhere(rest)
         self._proposed = None
@@ -185,7 +156,7 @@ class ParticleFilter:
 
     def belief(self, stamp_ns: int) -> Belief:
         """As it stands."""
-        particles, certain = self._particles, 1.0 - self._elsewhere.probability
+        particles, certain = self._followed.particles, 1.0 - self._elsewhere.probability
         if self._proposed is not None:
             particles, certain = self._proposed
         place, share = particles.likeliest(_WITHIN_M)
@@ -193,7 +164,7 @@ class ParticleFilter:
             stamp_ns,
             place.pose(),
             min(certain * share, 1.0),
-            self._proposed is None and self._is_compact(),
+            self._proposed is None and self._followed.is_compact,
             len(particles),
         )
 
@@ -202,21 +173,8 @@ class ParticleFilter:
         sparseness = self._likelihood.sparseness(map_T_base[:2], self.usual.reach_m)
         return self.usual.evidence(sparseness)
 
-    def _is_compact(self) -> bool:
-        return self._particles.gaussian().is_within(_COMPACT_M, _COMPACT_RAD)
-
-    def _is_one_place(self) -> bool:
-        """Whether a Gaussian stands for the particles, be it a wide one after an unsure motion."""
-        return self._blur == (0.0, 0.0) or self._is_compact()
-
     def _move(self, motion: UncertainPose2, leaps: float) -> None:
-        noise = self._rng.multivariate_normal(
-            np.zeros(3), motion.covariance, len(self._particles), method="eigh"
-        )
-        moved = composed_poses(np.broadcast_to(motion.pose.as_array(), noise.shape), noise)
-        self._particles = Particles(
-            composed_poses(self._particles.poses, moved), self._particles.weights
-        )
+        self._followed.move(motion)
         self._elsewhere.move(motion.pose, self._settings.carried_off + leaps)
         sigma_m = float(np.sqrt(np.linalg.eigvalsh(motion.covariance[:2, :2])[-1]))
         if sigma_m > _UNTRACKED_M:
@@ -224,7 +182,7 @@ class ParticleFilter:
 
     def _lose_track(self, radius_m: float) -> None:
         """Too few particles for where the robot may have got to: seeds take over."""
-        place, _ = self._particles.likeliest(_WITHIN_M)
+        place, _ = self._followed.particles.likeliest(_WITHIN_M)
         x, y = place.mean[:2].tolist()
         here = 1.0 - self._elsewhere.probability
         self._region = Region((x, y), radius_m, min(here, _START_IS_RIGHT))
@@ -238,103 +196,27 @@ class ParticleFilter:
         Where it explains it worse, and the robot may have made a leap, all that is near is followed
         besides: few things in sight tell a place among those near, not among all.
         """
-        before = self._particles
-        evidence = self._weigh(seen) + self.by_numbers(self._particles.gaussian().mean)
+        before = self._followed.particles
+        evidence = self._weigh(seen)
         near = self._elsewhere.gone * leaps / (self._settings.carried_off + leaps)
         if evidence < 0.0 < near and len(before) <= self._settings.least_particles:
-            self._particles = self._after_a_leap(before, near)
-            evidence = self._weigh(seen) + self.by_numbers(self._particles.gaussian().mean)
+            self._add_after_a_leap(before, near)
+            evidence = self._weigh(seen)
         return evidence
-
-    def _after_a_leap(self, before: Particles, near: float) -> Particles:
-        """The particles, and others evenly all over what is near by a probability."""
-        area_m2 = np.pi * _NEAR_M**2
-        n = self._num_spread(area_m2)
-        x, y = before.gaussian().mean[:2].tolist()
-        around = evenly_within((x, y), _NEAR_M, n, self._rng)
-        self._elsewhere.gone -= near
-        self._blur = _blur(2.0 * np.pi * area_m2 / n)
-        share = near / (1.0 - self._elsewhere.probability)
-        weights = np.concatenate([(1.0 - share) * before.weights, np.full(n, share / n)])
-        return Particles(np.concatenate([before.poses, around]), weights)
 
     def _weigh(self, seen: Seen) -> float:
-        """Log of how much better what is followed, weighed, explains the scan than elsewhere."""
-        if not self._is_one_place():
-            return self._weigh_in_steps(seen)
-        before = self._particles
-        evidence = self._weigh_at_one_place(seen)
-        if evidence > 0.0 and self._explains_little(seen):
-            self._particles = self._after_a_slip(before)
-            self._weigh_in_steps(seen)
-        return evidence
+        evidence = self._followed.weigh(seen)
+        return evidence + self.by_numbers(self._followed.particles.gaussian().mean)
 
-    def _weigh_at_one_place(self, seen: Seen) -> float:
-        """The same; where hardly any particle has weight, they are drawn where the scan is."""
-        log_weights = self._log_weights(seen)
-        weighed = _weighed(self._particles.poses, log_weights)
-        if weighed.effective < _ENOUGH_EFFECTIVE * len(weighed):
-            poses, log_weights = self._refined(seen)
-            weighed = _weighed(poses, log_weights)
-        elif weighed.effective < 0.5 * len(weighed):
-            weighed = self._drawn_again(weighed)
-        self._particles = weighed
-        return log_sum(log_weights)
-
-    def _drawn_again(self, particles: Particles) -> Particles:
-        """As few as there may be, by weight."""
-        n = self._settings.least_particles
-        return Particles.alike(particles.poses[systematic(particles.weights, n, self._rng)])
-
-    def _explains_little(self, seen: Seen) -> bool:
-        """Whether most of several things are not where the map has them, seen from one place."""
-        if len(seen) < _SEVERAL or not self._is_compact():
-            return False
-        here = self._particles.gaussian().mean
-        return 2 * self._likelihood.num_explained(seen, here) <= len(seen)
-
-    def _after_a_slip(self, before: Particles) -> Particles:
-        """The particles, and others around them: a near place may have been taken for the true one.
-
-        Where things stand close together and few are seen at once, several near places explain
-        them alike, and the one that wins may be the wrong one.
-        """
-        here = before.gaussian()
-        around = Gaussian(here.mean, here.covariance + np.diag(_SLIP_SIGMAS**2))
-        volume = (4.0 * np.pi) ** 1.5 * float(np.prod(_SLIP_SIGMAS))
-        self._blur = _blur(volume / _SLIP_PARTICLES)
-        weights = [
-            (1.0 - _SLIP) * before.weights,
-            np.full(_SLIP_PARTICLES, _SLIP / _SLIP_PARTICLES),
-        ]
-        poses = [before.poses, around.draw(_SLIP_PARTICLES, self._rng)]
-        return Particles(np.concatenate(poses), np.concatenate(weights))
-
-    def _weigh_in_steps(self, seen: Seen) -> float:
-        """The same of particles far apart: each step leaves them nearer and weighs them sharper.
-
-        A blurred scan favours the many places where little fits to the one where all of it does.
-
-        Source: annealed particle filter, Deutscher et al. 2000.
-        """
-        evidence = 0.0
-        before: FloatArray = np.zeros(len(self._particles))
-        for _ in range(_MOST_STEPS):
-            poses, blur = self._particles.poses, self._blur
-            log_weights = self._log_weights(seen.blurred(*blur)) - before
-            evidence += log_sum(log_weights)
-            self._particles = _weighed(poses, log_weights)
-            self._resample()
-            if self._is_compact() or self._blur[0] > _NEARER * blur[0]:
-                break
-            before = self._likelihood.log_likelihoods(seen.blurred(*blur), self._particles.poses)
-        return evidence
-
-    def _log_weights(self, seen: Seen) -> FloatArray:
-        """(n,) of the particles where they are, by a scan."""
-        with np.errstate(divide="ignore"):
-            log_weights: FloatArray = np.log(self._particles.weights)
-        return log_weights + self._likelihood.log_likelihoods(seen, self._particles.poses)
+    def _add_after_a_leap(self, before: Particles, near: float) -> None:
+        """Others evenly all over what is near, by a probability."""
+        area_m2 = np.pi * _NEAR_M**2
+        x, y = before.gaussian().mean[:2].tolist()
+        n = self._followed.num_spread(area_m2)
+        around = evenly_within((x, y), _NEAR_M, n, self._rng)
+        self._elsewhere.gone -= near
+        share = near / (1.0 - self._elsewhere.probability)
+        self._followed.add(before, around, share, 2.0 * np.pi * area_m2)
 
     def _propose(self, lately: Lately) -> None:
         """Weighs places of the rest beside what is followed, which one of them may succeed."""
@@ -356,33 +238,17 @@ class ParticleFilter:
         certain = followed + float(weights.sum())
         self._proposed = (
             Particles(
-                np.concatenate([self._particles.poses, seeds]),
-                np.concatenate([followed * self._particles.weights, weights]) / certain,
+                np.concatenate([self._followed.particles.poses, seeds]),
+                np.concatenate([followed * self._followed.particles.weights, weights]) / certain,
             ),
             certain,
         )
 
     def _follow(self, place: Particles, certain: float) -> None:
-        self._particles = self._drawn_again(place)
-        self._blur = (0.0, 0.0)
+        self._followed.begin_with(place)
         self._elsewhere = Elsewhere(1.0 - certain, driven_m=0.0)
         self._region = Region()
         self._follows = True
-
-    def _refined(self, seen: Seen) -> tuple[FloatArray, FloatArray]:
-        """Particles where prior and scan agree, half of them where the prior alone has them.
-
-        Their log weights say by how much posterior exceeds what they were drawn from. Particles of
-        the prior alone would nearly all be wasted where the scan is much sharper.
-        """
-        prior = self._particles.gaussian()
-        fused = Gaussian.of_pose(self._proposals.refine(seen, prior.pose())).wider(_WIDER)
-
-        def log_posterior(poses: FloatArray) -> FloatArray:
-            return prior.log_densities(poses) + self._likelihood.log_likelihoods(seen, poses)
-
-        n = self._settings.least_particles
-        return importance_samples(log_posterior, (prior, fused), n, self._rng)
 
     def _seeds(self, lately: Lately) -> tuple[FloatArray, FloatArray, IntArray]:
         """Particles about proposed places, log weights against the rest, number of the place."""
@@ -395,7 +261,7 @@ class ParticleFilter:
             return self._sights.evidence(poses, lately, usual.reach_m, usual.half_field)
 
         proposed = self._proposals.propose(lately.perceptions, seen, by_sights)
-        places = [Gaussian.of_pose(each).wider(_WIDER) for each in proposed]
+        places = [Gaussian.of_pose(each).wider(WIDER) for each in proposed]
         places = [each for each in places if not self._is_followed(each)]
         means = np.array([each.mean for each in places]).reshape(-1, 3)
         for place, unseen in zip(places, by_sights(means).tolist(), strict=True):
@@ -411,36 +277,7 @@ class ParticleFilter:
         return np.concatenate(poses), np.concatenate(log_weights), numbers
 
     def _is_followed(self, place: Gaussian) -> bool:
-        if self._elsewhere.probability > 0.5 or not self._is_compact():
+        if self._elsewhere.probability > 0.5 or not self._followed.is_compact:
             return False
-        x, y, theta = place.mean - self._particles.gaussian().mean
+        x, y, theta = place.mean - self._followed.particles.gaussian().mean
         return bool(np.hypot(x, y) < _WITHIN_M and abs(wrap_angle(float(theta))) < _SAME_RAD)
-
-    def _resample(self) -> None:
-        """As many as the places that are left need, if too few carry the weight."""
-        settings, particles = self._settings, self._particles
-        if particles.effective > 0.5 * len(particles) and len(particles) <= settings.most_particles:
-            return
-        bins = num_bins(particles.poses[systematic(particles.weights, len(particles), self._rng)])
-        n = int(np.clip(kld_number(bins), settings.least_particles, settings.most_particles))
-        poses = particles.poses[systematic(particles.weights, n, self._rng)]
-        # A particle that was weighed with a blur stands for all within it.
-        sigma_m, sigma_rad = self._blur
-        poses = poses + self._rng.standard_normal((n, 3)) * (sigma_m, sigma_m, sigma_rad)
-        poses[:, 2] = wrap_angle(poses[:, 2])
-        self._particles = Particles.alike(poses)
-        self._blur = (0.0, 0.0) if self._is_compact() else _blur(volume_of_bins(bins) / n)
-
-
-def _weighed(poses: FloatArray, log_weights: FloatArray) -> Particles:
-    return Particles(poses, np.exp(log_weights - log_sum(log_weights)))
-
-
-# At what distance a turn matters as much as a move.
-_LEVER_M: Final = 8.0
-
-
-def _blur(volume: float) -> tuple[float, float]:
-    """(m, rad) half the distance between particles of which each has a volume in m2 rad."""
-    apart_m = (volume * _LEVER_M) ** (1.0 / 3.0)
-    return 0.5 * apart_m, 0.5 * apart_m / _LEVER_M
