@@ -38,6 +38,7 @@ class NavigationMap:
         self._sums = np.zeros((64, 2, 2))
         self._num_sightings = np.zeros(64, dtype=np.int64)
         self._kinds = np.zeros(64, dtype=np.int64)
+        self._num_diameters = np.zeros(64, dtype=np.int64)
         self._diameter_weights = np.zeros(64)
         self._diameters = np.full(64, np.nan)
         self._misses = np.ones(64)
@@ -82,10 +83,14 @@ class NavigationMap:
         return self._kinds[ids]
 
     def diameters(self, ids: IntArray) -> tuple[FloatArray, FloatArray]:
-        """(n,) mean diameters and their sigmas, NaN where none was ever perceived."""
-        with np.errstate(divide="ignore"):
-            sigmas = 1.0 / np.sqrt(self._diameter_weights[ids])
-        return self._diameters[ids], np.where(np.isfinite(sigmas), sigmas, np.nan)
+        """(n,) mean diameters and their sigmas, NaN where none was ever perceived.
+
+        A mean is as sure as one perception: what shows one side of a thing errs alike, and the
+        other side shows another diameter.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sigmas = np.sqrt(self._num_diameters[ids] / self._diameter_weights[ids])
+        return self._diameters[ids], sigmas
 
     def identities(self, ids: IntArray) -> list[str]:
         """(n,) identities, empty where there is none."""
@@ -109,6 +114,7 @@ class NavigationMap:
         self._sums[ids] = 0.0
         self._num_sightings[ids] = 0
         self._kinds[ids] = perceptions.kinds
+        self._num_diameters[ids] = 0
         self._diameter_weights[ids] = 0.0
         self._diameters[ids] = np.nan
         self._misses[ids] = 1.0
@@ -180,6 +186,7 @@ class NavigationMap:
             return
         ids = ids[seen]
         weights = perceptions.diameter_sigmas_m[seen] ** -2.0
+        self._num_diameters[ids] += 1
         self._diameter_weights[ids] += weights
         before = np.nan_to_num(self._diameters[ids])
         share = weights / self._diameter_weights[ids]
@@ -194,6 +201,7 @@ class NavigationMap:
             "_sums",
             "_num_sightings",
             "_kinds",
+            "_num_diameters",
             "_diameter_weights",
             "_diameters",
             "_misses",

@@ -1,5 +1,6 @@
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -272,6 +273,26 @@ def test_a_match_that_contradicts_all_others_is_left_out() -> None:
     np.testing.assert_allclose(errors(steps, poses), 0.0, atol=1e-7)
     assert steps[29].landmark_ids[4] == -1
     assert (np.delete(steps[29].landmark_ids, 4) >= 0).all()
+
+
+def test_a_trunk_that_is_thicker_from_the_other_side_is_the_same() -> None:
+    """Two sigma of one perception, and ten if their mean were as sure as if they were unlike."""
+    poses, trees = arc(60), stand()
+    scans = []
+    for k, pose in enumerate(poses):
+        scan = seen(k, pose, trees)
+        diameters_m = np.full(len(scan), 0.30 if k < 30 else 0.36)
+        scans.append(
+            replace(scan, diameters_m=diameters_m, diameter_sigmas_m=np.full(len(scan), 0.03))
+        )
+    steps, estimator = followed(BEST, scans, exact_wheels(poses))
+    assert all((step.landmark_ids >= 0).all() for step in steps)
+    assert len(estimator.navigation_map) == len(
+        np.unique(np.concatenate([step.landmark_ids for step in steps]))
+    )
+    places = estimator.navigation_map.positions(np.arange(len(estimator.navigation_map)))
+    apart = np.linalg.norm(places[:, None] - places, axis=2)
+    assert apart[apart > 0.0].min() > 1.0
 
 
 def test_memory_forgets_what_was_not_sighted_for_its_distance() -> None:
