@@ -276,12 +276,12 @@ def test_a_match_that_contradicts_all_others_is_left_out() -> None:
 
 
 def test_a_trunk_that_is_thicker_from_the_other_side_is_the_same() -> None:
-    """Two sigma of one perception, and ten if their mean were as sure as if they were unlike."""
+    """Within what two perceptions may differ; not if a mean of many were surer than one."""
     poses, trees = arc(60), stand()
     scans = []
     for k, pose in enumerate(poses):
         scan = seen(k, pose, trees)
-        diameters_m = np.full(len(scan), 0.30 if k < 30 else 0.36)
+        diameters_m = np.full(len(scan), 0.30 if k < 30 else 0.42)
         scans.append(
             replace(scan, diameters_m=diameters_m, diameter_sigmas_m=np.full(len(scan), 0.03))
         )
