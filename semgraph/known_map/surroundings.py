@@ -87,7 +87,7 @@ class Surroundings:
             diameters_m=diameters_m,
             diameter_sigmas_m=diameter_sigmas_m,
             identities=np.array(gathered.identities(ids), dtype=np.str_),
-            reliabilities=1.0 - 0.5 ** gathered.num_sightings(ids),
+            reliabilities=1.0 - 0.5**num_sightings,
         )
 
 
