@@ -19,7 +19,7 @@ _MAX_REACH_M: Final = 40.0
 _LEAST_REACH_M: Final = 2.0
 _DUPLICATES_WITHIN_M: Final = 3.0
 _SURROUNDINGS_M: Final = 20.0
-_BATCH: Final = 60
+_BATCH: Final = 120
 # What the outline of even a round trunk leaves open of its centre.
 _LEAST_OUTLINE_M: Final = 0.014
 # How many of a place's landmarks escaped notice at the first pass.
@@ -364,15 +364,18 @@ def _suspects(
 def _batches(
     suspects: Iterable[tuple[int, list[int]]],
 ) -> Iterator[list[tuple[int, list[int]]]]:
-    """Suspects that share a joint covariance, which costs for forty what it costs for two."""
+    """Suspects that share a joint covariance, which costs for forty what it costs for two.
+
+    Where they stand close together one covariance serves as many as there are of them.
+    """
     batch: list[tuple[int, list[int]]] = []
-    size = 0
+    members: set[int] = set()
     for recent, old in suspects:
-        if batch and size + 1 + len(old) > _BATCH:
+        if batch and len(members.union(old, [recent])) > _BATCH:
             yield batch
-            batch, size = [], 0
+            batch, members = [], set()
         batch.append((recent, old))
-        size += 1 + len(old)
+        members.update(old, [recent])
     if batch:
         yield batch
 
