@@ -1,6 +1,7 @@
 """Sightings that fit nothing once all is known: they were of something else."""
 
 from collections.abc import Set
+from typing import Final
 
 import numpy as np
 
@@ -9,11 +10,14 @@ from semgraph.graph.graph_log import NOWHERE, GraphLog
 from semgraph.graph.graph_solver import GraphEstimate
 from semgraph.measurement_model import CHI2_2DOF_999, misfits2
 
+_NO_CHANCE: Final = 2
+
 
 def strays(log: GraphLog, estimate: GraphEstimate, landmarks: Set[int]) -> IntArray:
-    """(k,) rows of sightings of these landmarks beyond the 99.9 % gate.
+    """(k,) rows of sightings of these landmarks beyond the 99.9 % gate, two or more of a track.
 
-    A landmark that half of its sightings do not fit is in doubt itself, and keeps all of them.
+    One in a thousand is there by chance. A landmark that half of its sightings do not fit is in
+    doubt itself, and keeps all of them.
     """
     rows = np.flatnonzero(log.landmarks != NOWHERE)
     rows = rows[np.isin(log.landmarks[rows], list(landmarks))]
@@ -26,5 +30,7 @@ def strays(log: GraphLog, estimate: GraphEstimate, landmarks: Set[int]) -> IntAr
         misfits2(poses, places[numbers], log.polar[rows], log.covariances(rows)) > CHI2_2DOF_999
     )
     share_off = np.bincount(numbers, is_off) / np.bincount(numbers)
-    found: IntArray = rows[is_off & (share_off[numbers] < 0.5)]
+    tracks = np.unique(log.tracks[rows], return_inverse=True)[1]
+    is_no_chance = np.bincount(tracks, is_off)[tracks] >= _NO_CHANCE
+    found: IntArray = rows[is_off & is_no_chance & (share_off[numbers] < 0.5)]
     return found

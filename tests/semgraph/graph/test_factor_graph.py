@@ -218,27 +218,30 @@ def test_a_gross_outlier_is_given_little_weight() -> None:
     )
 
 
-def test_a_sighting_that_fits_nothing_is_left_out() -> None:
+def test_sightings_that_fit_nothing_are_left_out() -> None:
     graph, clean = (built(drive(5)) for _ in range(2))
     row = len(graph.sightings(0))
-    graph.add_sighting(Sighting(4, 0, 30.0, -2.0, NOISE, track=7))
+    for pose in (4, 5):
+        graph.add_sighting(Sighting(pose, 0, 30.0, -2.0, NOISE, track=7))
     polished(graph)
     left_out = graph.leave_out_strays(set(graph.landmarks()))
     assert list(left_out) == [0]
-    assert (left_out[0].poses.tolist(), left_out[0].tracks.tolist()) == ([4], [7])
+    assert (left_out[0].poses.tolist(), left_out[0].tracks.tolist()) == ([4, 5], [7, 7])
     assert graph.num_sightings(0) == row
     assert_same(graph, polished(clean))
 
 
 def test_what_may_not_lose_sightings_keeps_them() -> None:
-    """Those with an identity; and what is in doubt itself."""
+    """Those with an identity; what is in doubt itself; and one sighting is chance."""
     graph = built(drive(5))
-    graph.add_sighting(Sighting(4, 0, 30.0, -2.0, NOISE))
+    for pose in (4, 5):
+        graph.add_sighting(Sighting(pose, 0, 30.0, -2.0, NOISE))
+    graph.add_sighting(Sighting(6, 2, 30.0, -1.0, NOISE, track=2))
     for pose in range(1, 9):
         graph.add_sighting(Sighting(pose, 1, 30.0, 2.0, NOISE))
     polished(graph)
     assert graph.leave_out_strays({1, 2, 3}) == {}
-    assert graph.num_sightings(0) == 9
+    assert graph.num_sightings(0) == 10
 
 
 @pytest.mark.parametrize("start_sigma", [1e-4, 1.0, 100.0])
