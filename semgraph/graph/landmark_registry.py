@@ -91,7 +91,7 @@ class LandmarkRegistry:
 
         -1 stays -1; of what was dropped, and of the tracks whose numbers are left out, it is -1.
         """
-        tracks = [self._by_tracker_id.get(k) for k in tracker_ids.tolist()]
+        tracks = [self._by_tracker_id[k] if k >= 0 else None for k in tracker_ids.tolist()]
         found = [
             track.landmark
             if track and track.landmark in self.landmarks and track.number not in left_out

@@ -10,7 +10,7 @@ from semgraph.graph.graph_log import NOWHERE, GraphLog
 from semgraph.graph.graph_solver import GraphEstimate
 from semgraph.measurement_model import CHI2_2DOF_999, misfits2
 
-_NO_CHANCE: Final = 2
+_LEAST_OF_A_TRACK: Final = 2
 
 
 def strays(log: GraphLog, estimate: GraphEstimate, landmarks: Set[int]) -> IntArray:
@@ -31,6 +31,6 @@ def strays(log: GraphLog, estimate: GraphEstimate, landmarks: Set[int]) -> IntAr
     )
     share_off = np.bincount(numbers, is_off) / np.bincount(numbers)
     tracks = np.unique(log.tracks[rows], return_inverse=True)[1]
-    is_no_chance = np.bincount(tracks, is_off)[tracks] >= _NO_CHANCE
+    is_no_chance = np.bincount(tracks, is_off)[tracks] >= _LEAST_OF_A_TRACK
     found: IntArray = rows[is_off & is_no_chance & (share_off[numbers] < 0.5)]
     return found
