@@ -21,6 +21,8 @@ from semgraph.navigation_map import Averaging, NavigationMap
 _MOST_TURNS: Final = 200
 # With sigmas beyond so many search radii the radius says nothing.
 _LOST_RADII: Final = 2.0
+# Of what is remembered, this much is looked at: all, then ever less.
+_FRESHER: Final = np.array([1.0, 0.5, 0.25])
 _KNOWN_START: Final = np.diag([1e-6**2, 1e-6**2, 1e-6**2])
 
 
@@ -273,14 +275,22 @@ class FastEstimator:
     ) -> UncertainPose2:
         """Where all perceptions together stand in the map around, as far as that may be.
 
+        Where not in all that is remembered, then in what was sighted last: much of the rest may be
+        hidden by now, which speaks against any place.
+
         Elsewhere nothing can be matched: a map that only remembers forgets what it had, for what
-        it would match now it would match by chance.
+        it would match now it would match by chance. It begins anew at the pose as it is believed,
+        which is where it is by definition.
         """
-        placed = find_pose(self._map, perceptions, map_T_proposed, self.remembered_since_m)
-        if placed is not None:
-            return placed
-        if np.isfinite(self._settings.memory_m):
-            self._driven_m += self._settings.memory_m
+        memory_m = self._settings.memory_m
+        for remembered_m in np.unique(memory_m * _FRESHER)[::-1].tolist():
+            since_m = self._driven_m - remembered_m
+            placed = find_pose(self._map, perceptions, map_T_proposed, since_m)
+            if placed is not None:
+                return placed
+        if np.isfinite(memory_m):
+            self._driven_m += memory_m
+            return UncertainPose2(map_T_proposed.pose, _KNOWN_START)
         return map_T_proposed
 
     @property

@@ -313,6 +313,22 @@ def test_memory_forgets_what_was_not_sighted_for_its_distance() -> None:
         np.testing.assert_allclose(errors(steps, poses), 0.0, atol=1e-7)
 
 
+def test_a_scan_that_fits_nowhere_is_where_the_map_begins_anew() -> None:
+    """Scans 3 s apart without wheels: one of something else must not unsettle those after it."""
+    poses, trees = arc(30, turn=0.08), stand()
+    scans = [seen(30 * k, pose, trees, 20.0) for k, pose in enumerate(poses)]
+    elsewhere = seen(0, Pose2(90.0, 40.0, 2.0), stand(9) + np.array([90.0, 40.0]), 20.0)
+    scans[12] = replace(elsewhere, stamp_ns=scans[12].stamp_ns)
+    short = FastSettings.model_validate({"memory_m": 20.0})
+    steps, _ = followed(short, scans)
+    assert not set(steps[12].landmark_ids.tolist()) & set(steps[11].landmark_ids.tolist())
+    for (before, after), (a, b) in zip(pairwise(steps[13:]), pairwise(poses[13:]), strict=True):
+        moved = before.map_T_base.pose.between(after.map_T_base.pose)
+        np.testing.assert_allclose(moved.as_array(), a.between(b).as_array(), atol=1e-6)
+        known = np.isin(after.landmark_ids, before.landmark_ids)
+        assert known.mean() > 0.5
+
+
 def test_the_motion_is_the_last_movement_once_more() -> None:
     poses, trees = arc(40), stand()
     kept = [k for k in range(40) if k not in (20, 21)]
