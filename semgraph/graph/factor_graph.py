@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from semgraph.graph.graph_solver import JUMP_M, GraphEstimate, GraphSolver
 from semgraph.graph.strays import strays
 from semgraph.graph.windows import NONE
 from semgraph.measurement_model import misfits2
+
+# By so much a graph that has gone back may cost more.
+_COST_TOLERANCE: Final = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,11 +207,15 @@ class FactorGraph:
         return Checkpoint(self.cost(), self.estimate())
 
     def go_back(self, checkpoint: Checkpoint) -> None:
-        """Takes in what waits for an update, but everything starts from where it was then.
+        """Takes in what waits for an update, and gets to what it cost then.
 
-        What has been split again would else stay near where the wrong merge has brought it.
+        Where it does not by itself, since what has been split again stays near where the wrong
+        merge has brought it, everything starts anew from where it was.
         """
-        self._restart(checkpoint.estimate)
+        self.update(relinearize=True)
+        self.settle()
+        if self.cost() > checkpoint.cost + _COST_TOLERANCE:
+            self._restart(checkpoint.estimate)
 
     def carry(self, correction: Pose2, since_pose: int) -> None:
         """Moves a pose, all after it, and what only those sighted; no factor changes.

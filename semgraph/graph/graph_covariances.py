@@ -20,6 +20,8 @@ from semgraph.graph.windows import NONE
 
 Answer = TypeVar("Answer")
 _LEAST_SIGMA_M: Final = 1e-3
+# So often more of the graph is taken, each time what is beside, before all of it is.
+_HOPS: Final = 4
 
 
 @final
@@ -48,22 +50,24 @@ class GraphCovariances:
         """(2n, 2n) joint covariance of landmarks as if the last pose were known, in map.
 
         By what is not condensed and what else was sighted together with those `around`: what lies
-        farther off could make it smaller, but it costs as much as the run is long. That of all the
-        graph where these do not hold them together, or nothing is condensed.
+        farther off could make it smaller, but it costs as much as the run is long. Where these do
+        not hold them together, by what is beside it too; at last, or nothing condensed, by all.
         """
         if not len(self._solver.windows) or not self._solver.isam.is_updated:
             return self.of_landmarks_together(landmarks)
-        windows = {
-            number for each in (*around, *landmarks) for number in self._solver.windows.of(each)
-        }
-        pieces = [self._piece(number) for number in sorted(windows)]
+        windows = self._solver.windows.of_any((*around, *landmarks))
         try:
             newest = self._last_piece()
         except GraphError as error:
             self._solver.incidents.append(f"covariance by the whole graph: {error}")
             return self.of_landmarks_together(landmarks)
-        found = covariance_by(pieces, newest, landmarks)
-        return self.of_landmarks_together(landmarks) if found is None else found
+        for _ in range(_HOPS):
+            pieces = [self._piece(number) for number in sorted(windows)]
+            found = covariance_by(pieces, newest, landmarks)
+            if found is not None:
+                return found
+            windows |= self._solver.windows.beside(windows)
+        return self.of_landmarks_together(landmarks)
 
     def of_landmarks(self, landmarks: Sequence[int]) -> FloatArray:
         """(n, 2, 2) marginal covariance of each landmark, in map; with errors in common."""

@@ -24,7 +24,7 @@ from semgraph.graph.factors import (
 )
 from semgraph.graph.graph_log import GraphLog
 from semgraph.graph.growing import Growing
-from semgraph.graph.incremental import Incremental, Slots, UpdateError
+from semgraph.graph.incremental import Front, Incremental, Slots, UpdateError
 from semgraph.graph.windows import NONE, Window, Windows
 from semgraph.point_grid import PointGrid
 
@@ -32,6 +32,9 @@ from semgraph.point_grid import PointGrid
 _CELL_M: Final = 10.0
 # By so much the last pose may jump before all that was read of the graph is stale.
 JUMP_M: Final = 0.5
+# Around the last pose, how far and at most how many landmarks are kept at the Bayes tree's root.
+_FRONT_M: Final = 20.0
+_FRONT_LANDMARKS: Final = 80
 # How often a graph that was rebuilt from values of some time ago is linearized again.
 _SETTLING: Final = 5
 
@@ -86,6 +89,7 @@ class GraphSolver:
         self._is_current = False
         self._are_current = set[int]()
         self._last_updated = -1
+        self._front_at = map_T_start.pose.as_array()[:2]
         self._poses.append(map_T_start.pose.as_array())
         self.isam.add(prior_factor(map_T_start), self.slots.prior, 0)
         self.isam.insert_pose(0, map_T_start.pose)
@@ -144,21 +148,24 @@ class GraphSolver:
             self.isam.remove(self.slots.sightings, row)
             self.add_sighting(row, self.log.sighting(row))
 
-    def update(self, *, relinearize: bool = False) -> None:
+    def update(self, *, relinearize: bool = False) -> bool:
         """Takes in all that was added since the last update.
 
         Args:
             relinearize: force it, after something old was seen again.
 
+        Returns:
+            whether something was linearized again, or all.
+
         A failure is named in `incidents`, and the graph rebuilt from its own log.
         """
         last = self.last
-        before = self._poses.rows[last].copy()
+        before, has_moved = self._poses.rows[last].copy(), True
         try:
             if not relinearize:
                 self._condense_next()
             self.add_windows()
-            self.isam.update(relinearize=relinearize)
+            has_moved = self.isam.update(self._front(), relinearize=relinearize) > 0
             self._let_go()
             self._is_current = False
             self._are_current.clear()
@@ -170,11 +177,13 @@ class GraphSolver:
             if np.hypot(*(self._poses.rows[last] - before)[:2]) > JUMP_M:
                 self._read_all()
         self._settled()
+        return has_moved
 
     def settle(self) -> None:
         """Linearizes again until little moves: what one update after a great change leaves open."""
         for _ in range(_SETTLING):
-            self.update(relinearize=True)
+            if not self.update(relinearize=True):
+                return
 
     def polish(self) -> None:
         """Moves to the batch optimum over the whole log, starting from the estimate at hand.
@@ -275,6 +284,25 @@ class GraphSolver:
         """It was read to be there."""
         self._landmarks[landmark] = place
         self.places.put(landmark, place)
+
+    def _front(self) -> Front | None:
+        """What is around the last pose; anew every so often. None where nothing is condensed yet.
+
+        The next sightings are of that. Left to itself iSAM2 keeps only what was just sighted at the
+        root; the rest of a long run's surroundings is deep down, on long paths.
+        """
+        if not len(self.windows):
+            return None
+        here = self._poses.rows[self.last, :2].copy()
+        is_new = bool(np.hypot(*(here - self._front_at)) > 0.5 * _FRONT_M)
+        if is_new:
+            self._front_at = here
+        landmarks = self.places.around(here, _FRONT_M)
+        if len(landmarks) > _FRONT_LANDMARKS:
+            off = np.array([self._landmarks[each] for each in landmarks]) - here
+            nearest = np.argsort(np.hypot(*off.T), kind="stable")[:_FRONT_LANDMARKS]
+            landmarks = [landmarks[k] for k in nearest.tolist()]
+        return Front(range(self.windows.end, self.last + 1), landmarks, is_new)
 
     def _condense_next(self) -> None:
         """Takes one window of poses out with the next update, and its factor in."""

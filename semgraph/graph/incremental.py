@@ -54,6 +54,21 @@ class Values:
     map_t_landmarks: Mapping[int, FloatArray]
 
 
+@dataclass(frozen=True, slots=True)
+class Front:
+    """What the next updates are about: it belongs at the root, so that little hangs above it.
+
+    Attributes:
+        poses: to be eliminated last.
+        landmarks: just before those.
+        is_new: whether landmarks that have nothing new go there too, with all that is above them.
+    """
+
+    poses: Sequence[int]
+    landmarks: Sequence[int]
+    is_new: bool
+
+
 @final
 class Incremental:
     """iSAM2 by Cholesky, or QR: that is slower but takes graphs whose sigmas differ by decades."""
@@ -97,32 +112,54 @@ class Incremental:
         """A variable more."""
         self._values.insert(j=L(landmark), point2=guess)
 
-    def update(self, *, relinearize: bool = False) -> None:
+    def update(self, front: Front | None = None, *, relinearize: bool = False) -> int:
         """Takes in what waits, which waits on until `forget_waiting`.
+
+        Returns:
+            how many variables were linearized again.
+
+        Args:
+            front: what stays at the root of the Bayes tree; None for what has new factors.
+            relinearize: force it.
 
         Raises:
             UpdateError: with the reason in a line.
         """
+        groups, pulled = (None, None) if front is None else self._to_the_root(front)
         try:
             result = self._isam.update(
-                self._factors, self._values, self._removed, None, None, None, relinearize
+                self._factors, self._values, self._removed, groups, None, pulled, relinearize
             )
         except _FAILURES as error:
             raise UpdateError(_first_line(error)) from error
         for (slots, number), slot in zip(self._owners, result.getNewFactorsIndices(), strict=True):
             slots[number] = int(slot)
+        return int(result.getVariablesRelinearized())
+
+    def _to_the_root(self, front: Front) -> tuple[gtsam.KeyGroupMap, gtsam.KeyList]:
+        """Groups that are eliminated last, the last pose's the very last; and what else goes up."""
+        groups, pulled = gtsam.KeyGroupMap(), gtsam.KeyList()
+        for landmark in front.landmarks:
+            groups.insert2(L(landmark), 1)
+            if front.is_new and self.has_landmark(landmark):
+                pulled.push_back(L(landmark))
+        for pose in front.poses:
+            groups.insert2(X(pose), 2)
+        return groups, pulled
 
     def linearize_again(self, times: int) -> None:
-        """So many steps more, with nothing new.
+        """So many steps more at most, with nothing new: until nothing moves far.
 
         Raises:
             UpdateError: with the reason in a line.
         """
         try:
             for _ in range(times):
-                self._isam.update(
+                result = self._isam.update(
                     gtsam.NonlinearFactorGraph(), gtsam.Values(), [], None, None, None, True
                 )
+                if not result.getVariablesRelinearized():
+                    return
         except _FAILURES as error:
             raise UpdateError(_first_line(error)) from error
 

@@ -1,7 +1,7 @@
 """Which poses of a graph are condensed: windows of them, each one factor."""
 
 from array import array
-from collections.abc import Iterator, Set
+from collections.abc import Iterable, Iterator, Set
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -45,6 +45,9 @@ class Windows:
     Args:
         log: of the graph.
         length: motions in a window; 0 for no windows.
+
+    Attributes:
+        end: the pose that the next window begins with, at the earliest.
     """
 
     def __init__(self, log: GraphLog, length: int) -> None:
@@ -56,7 +59,7 @@ class Windows:
         self._windows: list[Window] = []
         self._of_motion = array("i")
         self._by_landmark: dict[int, set[int]] = {}
-        self._end = end
+        self.end = end
         self.changed: set[int] = set()
 
     def __len__(self) -> int:
@@ -82,19 +85,19 @@ class Windows:
         if not self._length:
             return None
         following = min(self._length, _FOLLOWING)
-        while self._end + self._length + following <= last_updated:
-            first, last = self._end, self._end
+        while self.end + self._length + following <= last_updated:
+            first, last = self.end, self.end
             while last < first + self._length and self._is_sure(last + 1):
                 last += 1
             if last - first >= 2:
                 return first, last
             # Too short, or behind a motion that nothing is sure of.
-            self._end = max(last, first + 1)
+            self.end = max(last, first + 1)
         return None
 
     def skip(self, last: int) -> None:
         """What could not be condensed stays as it is."""
-        self._end = last
+        self.end = last
 
     def condensed(
         self, first: int, rows: IntArray, map_T_bases: FloatArray, places: dict[int, FloatArray]
@@ -135,13 +138,23 @@ class Windows:
             self._of_motion[pose] = number
         for landmark in window.landmarks.tolist():
             self._by_landmark.setdefault(landmark, set()).add(number)
-        self._end = window.last
+        self.end = window.last
         self.changed.add(number)
         return number
 
     def of(self, landmark: int) -> list[int]:
         """Those that sighted a landmark."""
         return sorted(self._by_landmark.get(landmark, ()))
+
+    def of_any(self, landmarks: Iterable[int]) -> set[int]:
+        """Those that sighted one of these landmarks."""
+        return set().union(*(self._by_landmark.get(landmark, ()) for landmark in landmarks))
+
+    def beside(self, numbers: Set[int]) -> set[int]:
+        """Those before and after these, and those that sighted what one of these did."""
+        seen = {each for number in numbers for each in self._windows[number].landmarks.tolist()}
+        in_time = {near for number in numbers for near in (number - 1, number + 1)}
+        return self.of_any(seen) | in_time.intersection(range(len(self._windows)))
 
     def hand_over(self, landmark: int, new: int, tracks: Set[int] | None = None) -> None:
         """A landmark, or what these tracks sighted of it, is another one."""

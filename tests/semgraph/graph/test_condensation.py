@@ -122,6 +122,41 @@ def test_a_rebuilt_graph_keeps_its_condensed_stretches() -> None:
     np.testing.assert_allclose(graph.estimate().map_T_bases, before.map_T_bases, atol=0.1)
 
 
+@pytest.mark.parametrize("window_poses", [0, 6])
+def test_after_a_wrong_merge_a_graph_goes_back_to_where_it_was(window_poses: int) -> None:
+    """Whether by itself or from the checkpoint, nobody can tell."""
+    graph = driven(drive(8, num_poses=30), window_poses, halves)
+    graph.settle()
+    before = graph.checkpoint()
+    graph.merge(13, 1)
+    graph.update(relinearize=True)
+    graph.settle()
+    assert graph.cost() > before.cost + 10.0
+    graph.split(1, {13}, 13)
+    graph.go_back(before)
+    assert graph.cost() < before.cost + 1.0
+    names = sorted(before.estimate.map_t_landmarks)
+    off = np.array([graph.landmark(k) - before.estimate.map_t_landmarks[k] for k in names])
+    sigmas = np.sqrt(np.diag(graph.landmark_covariance(names))).reshape(-1, 2)
+    assert (np.abs(off) < 0.5 * sigmas).all()
+
+
+def test_what_is_beside_windows_was_driven_or_sighted_next_to_them() -> None:
+    """Landmarks 0 to 3 are sighted in the first one, 10 to 13 in all."""
+    graph = driven(drive(1, num_poses=40), 6, halves)
+    windows = graph._solver.windows
+    graph.remove(10)
+    assert windows.of_any([0]) == windows.of_any([0, 10, 99]) == {0}
+    assert windows.of_any([]) == set()
+    everything = set(range(len(windows)))
+    assert windows.of_any([0, 11]) == windows.beside({0}) == windows.beside({4}) == everything
+    for landmark in (11, 12, 13):
+        graph.update()
+        graph.remove(landmark)
+    assert windows.beside({0}) == {0, 1}
+    assert windows.beside({2}) == {1, 3}
+
+
 def test_motions_nothing_is_sure_of_are_never_condensed() -> None:
     made = drive(7, num_poses=30)
     made.motions[9] = type(made.motions[9])(made.motions[9].pose, np.diag([5.0, 5.0, 1.0]))
