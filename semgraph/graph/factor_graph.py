@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -12,21 +11,18 @@ from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
 from semgraph.graph.factors import ROBUST_CHI2, Sighting, check_definite, check_sighting
 from semgraph.graph.graph_covariances import GraphCovariances
 from semgraph.graph.graph_log import Sighted
-from semgraph.graph.graph_solver import JUMP_M, GraphEstimate, GraphSolver
+from semgraph.graph.graph_solver import JUMP_M, GraphEstimate, GraphSolver, Snapshot
 from semgraph.graph.strays import strays
 from semgraph.graph.windows import NONE
 from semgraph.measurement_model import misfits2
 
-# By so much a graph that has gone back may cost more.
-_COST_TOLERANCE: Final = 1.0
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checkpoint:
-    """All variables at one moment, and what they cost."""
+    """The graph at one moment, and what it cost."""
 
     cost: float
-    estimate: GraphEstimate
+    snapshot: Snapshot
 
 
 class FactorGraph:
@@ -203,19 +199,21 @@ class FactorGraph:
         return self._solver.isam.cost()
 
     def checkpoint(self) -> Checkpoint:
-        """Where everything is now, to go back to if what comes next turns out wrong."""
-        return Checkpoint(self.cost(), self.estimate())
+        """Where everything is now, to go back to if what comes next turns out wrong.
+
+        Takes in what waits for an update.
+        """
+        snapshot = self._solver.snapshot()
+        self._covariances.forget()
+        return Checkpoint(self.cost(), snapshot)
 
     def go_back(self, checkpoint: Checkpoint) -> None:
-        """Takes in what waits for an update, and gets to what it cost then.
+        """Takes in what waits for an update, but everything is where it was then.
 
-        Where it does not by itself, since what has been split again stays near where the wrong
-        merge has brought it, everything starts anew from where it was.
+        What has been split again would else stay near where the wrong merge has brought it.
         """
-        self.update(relinearize=True)
-        self.settle()
-        if self.cost() > checkpoint.cost + _COST_TOLERANCE:
-            self._restart(checkpoint.estimate)
+        self._solver.go_back(checkpoint.snapshot)
+        self._covariances.forget()
 
     def carry(self, correction: Pose2, since_pose: int) -> None:
         """Moves a pose, all after it, and what only those sighted; no factor changes.

@@ -61,6 +61,30 @@ class _AllSlots:
     sightings: Slots = field(default_factory=Slots)
     windows: Slots = field(default_factory=Slots)
 
+    def copy(self) -> "_AllSlots":
+        """As they are now."""
+        return _AllSlots(
+            self.prior.copy(), self.motions.copy(), self.sightings.copy(), self.windows.copy()
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """A graph with nothing waiting, to go back to.
+
+    Attributes:
+        estimate: where everything is.
+        isam, slots: copies.
+        landmarks: (m,) of each sighting, as the log has them.
+        num_windows: that were condensed.
+    """
+
+    estimate: GraphEstimate
+    isam: Incremental
+    slots: _AllSlots
+    landmarks: IntArray
+    num_windows: int
+
 
 @final
 class GraphSolver:
@@ -239,6 +263,36 @@ class GraphSolver:
         names = np.unique(self.log.landmarks[rows]).tolist()
         places = {name: self.landmark(name) for name in names}
         return self.windows.condensed(first, rows, poses, places)
+
+    def snapshot(self) -> Snapshot:
+        """The graph as it is, after an update if something waits."""
+        if not self.isam.is_updated or self.windows.changed:
+            self.update()
+        return Snapshot(
+            self.estimate(),
+            self.isam.copy(),
+            self.slots.copy(),
+            self.log.landmarks.copy(),
+            len(self.windows),
+        )
+
+    def go_back(self, snapshot: Snapshot) -> None:
+        """Takes in what waits, but everything is where it was then.
+
+        The same sightings of the same landmarks are the same graph; else it is built anew.
+        """
+        is_same = (
+            len(snapshot.estimate.map_T_bases) == self.log.num_poses
+            and np.array_equal(snapshot.landmarks, self.log.landmarks)
+            and snapshot.num_windows == len(self.windows)
+        )
+        if not is_same:
+            self.start_from(snapshot.estimate)
+            return
+        self.isam, self.slots = snapshot.isam.copy(), snapshot.slots.copy()
+        self.windows.changed.clear()
+        self._settled()
+        self._read_all()
 
     def uncondense(self) -> None:
         """Builds the whole graph; what there is as yet is not condensed again."""

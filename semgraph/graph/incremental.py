@@ -44,6 +44,10 @@ class Slots:
             self._slots.append(-1)
         self._slots[number] = slot
 
+    def copy(self) -> "Slots":
+        """As they are now."""
+        return Slots(self._slots[:])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Values:
@@ -77,6 +81,12 @@ class Incremental:
         self.factorization = factorization
         self._isam = _new_isam(factorization)
         self.forget_waiting()
+
+    def copy(self) -> "Incremental":
+        """As of the last update, without what waits; in milliseconds, since cliques are shared."""
+        copied = Incremental(self.factorization)
+        copied._isam = gtsam.ISAM2(self._isam)
+        return copied
 
     def forget_waiting(self) -> None:
         """Nothing waits for an update any more."""
