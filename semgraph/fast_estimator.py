@@ -15,7 +15,7 @@ from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions
 from semgraph.matching import Assignment, LocalMap, Matches, SweepRule, local_map, match
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
-from semgraph.motion_model import MotionNoise, constant_motion
+from semgraph.motion_model import MotionHabit, MotionNoise, constant_motion, span_s2
 from semgraph.navigation_map import Averaging, NavigationMap
 
 _MOST_TURNS: Final = 200
@@ -82,12 +82,14 @@ class FastEstimator:
         averaging = Averaging.SIGHTINGS if self._is_paper else Averaging.INFORMATION
         self._map = NavigationMap(averaging) if fixed_map is None else fixed_map
         self._is_fixed = fixed_map is not None
-        self._motion_noise = MotionNoise(settings.acceleration, settings.angular_acceleration)
+        noise = MotionNoise(settings.acceleration, settings.angular_acceleration)
+        self._motion_noise, self._habit = noise, MotionHabit(noise)
         self._map_T_last = UncertainPose2(map_T_start, np.zeros((3, 3)))
         self._map_covariance = settings.map_sigma_m**2 * np.eye(2)
         self._last_motion = Pose2()
         self._driven_m = 0.0
         self._last_seconds = 0.0
+        self._was_perceived = False
         self._last_stamp_ns: int | None = None
 
     @property
@@ -99,7 +101,7 @@ class FastEstimator:
         """The pose at a time is known from elsewhere; the movement up to it is not."""
         self._map_T_last = map_T_base
         self._last_motion, self._last_seconds = Pose2(), 0.0
-        self._last_stamp_ns = stamp_ns
+        self._last_stamp_ns, self._was_perceived = stamp_ns, False
 
     def step(self, perceptions: Perceptions, odometry: UncertainPose2 | None) -> FastStep:
         """The pose at these perceptions, after which they are in the map.
@@ -108,29 +110,38 @@ class FastEstimator:
             perceptions: relative to base.
             odometry: last_T_current as the wheels measured it; None where there are none.
         """
-        motion = self._propose(perceptions.stamp_ns, odometry)
+        motion = self._propose(perceptions.stamp_ns, odometry, self._motion_noise)
         map_T_proposed = self._map_T_last @ motion
         if self._is_lost(motion):
-            map_T_proposed = self._find_itself(perceptions, map_T_proposed)
+            placed = self._find_itself(perceptions, map_T_proposed)
+            motion = (
+                motion
+                if placed
+                else self._propose(perceptions.stamp_ns, odometry, self._habit.noise())
+            )
+            map_T_proposed = placed or self._go_on(motion)
         near, matches = self._find_correspondences(perceptions, map_T_proposed)
         estimate = self._estimate(perceptions, near, matches, map_T_proposed.covariance)
         map_T_base = UncertainPose2(
             map_T_proposed.pose @ estimate.proposed_T_base.pose, estimate.proposed_T_base.covariance
         )
         landmark_ids = self._update_map(perceptions, map_T_base, near, estimate.matches)
-        self._remember(perceptions.stamp_ns, map_T_base)
+        is_perceived = isinstance(estimate.closed_form, Alignment)
+        self._remember(perceptions.stamp_ns, map_T_base, is_perceived=is_perceived)
         return FastStep(
             perceptions.stamp_ns, map_T_base, motion, estimate.closed_form, landmark_ids
         )
 
-    def _propose(self, stamp_ns: int, odometry: UncertainPose2 | None) -> UncertainPose2:
+    def _propose(
+        self, stamp_ns: int, odometry: UncertainPose2 | None, noise: MotionNoise
+    ) -> UncertainPose2:
         """The movement to the proposed frame: by odometry, else the last movement once more."""
         if odometry is not None:
             return odometry
         if self._last_stamp_ns is None:
             return UncertainPose2(Pose2(), _KNOWN_START)
         seconds = (stamp_ns - self._last_stamp_ns) * 1e-9
-        return constant_motion(self._last_motion, self._last_seconds, seconds, self._motion_noise)
+        return constant_motion(self._last_motion, self._last_seconds, seconds, noise)
 
     def _find_correspondences(
         self, perceptions: Perceptions, map_T_proposed: UncertainPose2
@@ -272,38 +283,48 @@ class FastEstimator:
 
     def _find_itself(
         self, perceptions: Perceptions, map_T_proposed: UncertainPose2
-    ) -> UncertainPose2:
-        """Where all perceptions together stand in the map around, as far as that may be.
+    ) -> UncertainPose2 | None:
+        """Where all perceptions together stand in the map around; None if that is not sure enough.
 
         Where not in all that is remembered, then in what was sighted last: much of the rest may be
         hidden by now, which speaks against any place.
-
-        Elsewhere nothing can be matched: a map that only remembers forgets what it had, for what
-        it would match now it would match by chance. It begins anew at the pose as it is believed,
-        which is where it is by definition.
         """
-        memory_m = self._settings.memory_m
-        for remembered_m in np.unique(memory_m * _FRESHER)[::-1].tolist():
+        map_T_last = self._map_T_last.pose
+        for remembered_m in np.unique(self._settings.memory_m * _FRESHER)[::-1].tolist():
             since_m = self._driven_m - remembered_m
-            placed = find_pose(self._map, perceptions, map_T_proposed, since_m)
+            placed = find_pose(self._map, perceptions, map_T_last, map_T_proposed, since_m)
             if placed is not None:
                 return placed
-        if np.isfinite(memory_m):
-            self._driven_m += memory_m
-            return UncertainPose2(map_T_proposed.pose, _KNOWN_START)
-        return map_T_proposed
+        return None
+
+    def _go_on(self, motion: UncertainPose2) -> UncertainPose2:
+        """The pose of one that did not find itself: by what is usual, if that says enough.
+
+        Else nothing can be matched: a map that only remembers forgets what it had, for what it
+        would match now it would match by chance. It begins anew at the pose as it is believed,
+        which is where it is by definition.
+        """
+        map_T_base = self._map_T_last @ motion
+        if not self._is_lost(motion) or not np.isfinite(self._settings.memory_m):
+            return map_T_base
+        self._driven_m += self._settings.memory_m
+        return UncertainPose2(map_T_base.pose, _KNOWN_START)
 
     @property
     def remembered_since_m(self) -> float:
         """The distance driven before which landmarks are forgotten."""
         return self._driven_m - self._settings.memory_m
 
-    def _remember(self, stamp_ns: int, map_T_base: UncertainPose2) -> None:
+    def _remember(self, stamp_ns: int, map_T_base: UncertainPose2, *, is_perceived: bool) -> None:
         step = self._map_T_last.pose.between(map_T_base.pose)
         self._driven_m += float(np.hypot(step.x, step.y))
         if self._last_stamp_ns is not None:
-            self._last_motion = step
-            self._last_seconds = (stamp_ns - self._last_stamp_ns) * 1e-9
+            seconds = (stamp_ns - self._last_stamp_ns) * 1e-9
+            if is_perceived and self._was_perceived and self._last_seconds > 0.0:
+                expected = self._propose(stamp_ns, None, self._motion_noise).pose
+                self._habit.note(expected, step, span_s2(self._last_seconds, seconds))
+            self._last_motion, self._last_seconds = step, seconds
+        self._was_perceived = is_perceived
         self._map_T_last = map_T_base
         self._last_stamp_ns = stamp_ns
 

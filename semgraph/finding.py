@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from semgraph.constellations.constellation import Constellation, MapIndex
-from semgraph.geometry import UncertainPose2
+from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions
 from semgraph.measurement_model import CHI2_3DOF_999
 from semgraph.navigation_map import NavigationMap
@@ -23,6 +23,7 @@ _MAP_SIGMA_M: Final = 0.05
 def find_pose(
     navigation_map: NavigationMap,
     perceptions: Perceptions,
+    map_T_last: Pose2,
     map_T_proposed: UncertainPose2,
     since_m: float,
 ) -> UncertainPose2 | None:
@@ -31,12 +32,15 @@ def find_pose(
     Args:
         navigation_map: what is known.
         perceptions: relative to base.
-        map_T_proposed: by the motion model; the place lies within its 99.9 %.
+        map_T_last: where the robot was before.
+        map_T_proposed: by the motion model; the place lies within its 99.9 %. Where that is farther
+            than anybody looks, the model says nothing, and the place is near the last one.
         since_m: only landmarks last sighted at this distance driven or later.
     """
     sigma_m = float(np.sqrt(np.linalg.eigvalsh(map_T_proposed.covariance[:2, :2])[-1]))
+    map_T_centre = map_T_last if sigma_m > _MAX_REACH_M else map_T_proposed.pose
     reach_m = min(CHI2_3DOF_999**0.5 * sigma_m, _MAX_REACH_M)
-    centre = map_T_proposed.pose.as_array()[:2]
+    centre = map_T_centre.as_array()[:2]
     in_sight_m = float(perceptions.ranges_m.max(initial=0.0))
     ids = navigation_map.near(centre, in_sight_m + reach_m, since_m)
     if min(len(ids), len(perceptions)) < _LEAST_SEEN:
@@ -59,7 +63,7 @@ def find_pose(
         perceptions.identities,
     )
     for placement in MapIndex(mapped).place(seen, max_placements=1):
-        apart = map_T_proposed.pose.between(placement.map_T_local.pose)
+        apart = map_T_centre.between(placement.map_T_local.pose)
         fits = len(placement.rows) >= _LEAST_SHARE * len(perceptions)
         if fits and placement.log_odds >= _LEAST_LOG_ODDS and np.hypot(apart.x, apart.y) <= reach_m:
             return placement.map_T_local

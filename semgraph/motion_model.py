@@ -1,6 +1,6 @@
 """How the robot moves between two scans: wheel odometry, or the last movement once more."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -72,6 +72,48 @@ class MotionNoise:
     unknown_turn_rate: float = 1.0
 
 
+# So many changes of velocity are remembered, and so many must be.
+_REMEMBERED: Final = 30
+_LEAST: Final = 10
+# Twice what was usual, and never less than this share of the most, for habits change.
+_USUAL: Final = 2.0
+_LEAST_SHARE: Final = 0.05
+
+
+@dataclass(slots=True)
+class MotionHabit:
+    """How much the velocity has changed lately, as far as that was perceived.
+
+    Args:
+        most: how much it may.
+    """
+
+    most: MotionNoise
+    _count: int = 0
+    _accelerations2: FloatArray = field(default_factory=lambda: np.zeros(2))
+
+    def note(self, expected: Pose2, moved: Pose2, span_s2: float) -> None:
+        """One movement more, and what it would have been once more; (s^2) by which it errs."""
+        off = expected.between(moved)
+        changes2 = np.array([0.5 * (off.x**2 + off.y**2), off.theta**2]) / span_s2**2
+        self._count += 1
+        self._accelerations2 += (changes2 - self._accelerations2) / min(self._count, _REMEMBERED)
+
+    def noise(self) -> MotionNoise:
+        """By what is usual; the most until that is known."""
+        if self._count < _LEAST:
+            return self.most
+        most = np.array([self.most.acceleration, self.most.angular_acceleration])
+        usual = _USUAL * np.sqrt(self._accelerations2)
+        linear, angular = np.clip(usual, _LEAST_SHARE * most, most).tolist()
+        return replace(self.most, acceleration=linear, angular_acceleration=angular)
+
+
+def span_s2(last_seconds: float, seconds: float) -> float:
+    """What an acceleration is to be multiplied by, for the error of `constant_motion`."""
+    return seconds * max(seconds, last_seconds)
+
+
 def constant_motion(
     last_motion: Pose2, last_seconds: float, seconds: float, noise: MotionNoise
 ) -> UncertainPose2:
@@ -87,7 +129,7 @@ def constant_motion(
         return UncertainPose2(Pose2(), np.diag([sigma_m**2, sigma_m**2, sigma_rad**2]))
     scale = seconds / last_seconds
     motion = Pose2(last_motion.x * scale, last_motion.y * scale, last_motion.theta * scale)
-    span = seconds * max(seconds, last_seconds)
+    span = span_s2(last_seconds, seconds)
     sigma_m = min(noise.acceleration * span, noise.unknown_speed * seconds) + noise.floor_m
     sigma_rad = min(noise.angular_acceleration * span, noise.unknown_turn_rate * seconds)
     sigma_rad = min(sigma_rad + noise.floor_rad, _UNKNOWN_HEADING)

@@ -10,10 +10,12 @@ from semgraph.arrays import FloatArray
 from semgraph.geometry import Pose2, UncertainPose2, relative_poses, transform_points
 from semgraph.motion_model import (
     STANDSTILL_COVARIANCE,
+    MotionHabit,
     MotionNoise,
     OdometryAccumulator,
     constant_motion,
     odometry_covariance,
+    span_s2,
 )
 from sensors.measurements import OdometryNoise, WheelOdometry
 
@@ -139,3 +141,31 @@ def test_the_longer_the_gap_the_less_is_known(
         for span in (seconds, longer * seconds)
     )
     assert (short <= long).all()
+
+
+def habit(acceleration: float, turn: float, count: int) -> MotionNoise:
+    """Learned from so many movements of 3 s whose velocity changed by as much."""
+    rng = np.random.default_rng(3)
+    learned, span = MotionHabit(MotionNoise()), span_s2(3.0, 3.0)
+    for x, y, theta in (rng.normal(size=(count, 3)) * span).tolist():
+        off = Pose2(acceleration * x, acceleration * y, turn * theta)
+        learned.note(Pose2(3.0, 0.2, 0.1), Pose2(3.0, 0.2, 0.1) @ off, span)
+    return learned.noise()
+
+
+def test_a_habit_is_twice_what_was_usual_within_what_may_be() -> None:
+    most = MotionNoise()
+    assert habit(0.2, 0.04, 9) == most
+    usual = habit(0.2, 0.1, 300)
+    assert usual.acceleration == pytest.approx(0.4, rel=0.3)
+    assert usual.angular_acceleration == pytest.approx(0.2, rel=0.3)
+    assert habit(50.0, 0.1, 20).acceleration == most.acceleration
+    steady = habit(0.0, 0.0, 20)
+    assert (steady.acceleration, steady.angular_acceleration) == pytest.approx((0.1, 0.075))
+
+
+def test_a_habit_is_of_the_last_movements() -> None:
+    learned = MotionHabit(MotionNoise())
+    for k in range(400):
+        learned.note(Pose2(), Pose2(4.0 if k < 100 else 1.0, 0.0, 0.0), 4.0)
+    assert learned.noise().acceleration == pytest.approx(2.0 * 0.25 / math.sqrt(2.0), rel=1e-3)
