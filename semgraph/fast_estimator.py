@@ -113,12 +113,11 @@ class FastEstimator:
         motion = self._propose(perceptions.stamp_ns, odometry, self._motion_noise)
         map_T_proposed = self._map_T_last @ motion
         if self._is_lost(motion):
-            placed = self._find_itself(perceptions, map_T_proposed)
-            motion = (
-                motion
-                if placed
-                else self._propose(perceptions.stamp_ns, odometry, self._habit.noise())
-            )
+            # Wheels that measured a motion say where it led, however unsurely.
+            map_T_last = self._map_T_last if odometry is None else map_T_proposed
+            placed = self._find_itself(perceptions, map_T_last.pose, map_T_proposed)
+            if placed is None:
+                motion = self._propose(perceptions.stamp_ns, odometry, self._habit.noise())
             map_T_proposed = placed or self._go_on(motion)
         near, matches = self._find_correspondences(perceptions, map_T_proposed)
         estimate = self._estimate(perceptions, near, matches, map_T_proposed.covariance)
@@ -282,14 +281,13 @@ class FastEstimator:
         return not self._is_paper and sigma_m > _LOST_RADII * self._settings.search_radius_m
 
     def _find_itself(
-        self, perceptions: Perceptions, map_T_proposed: UncertainPose2
+        self, perceptions: Perceptions, map_T_last: Pose2, map_T_proposed: UncertainPose2
     ) -> UncertainPose2 | None:
         """Where all perceptions together stand in the map around; None if that is not sure enough.
 
         Where not in all that is remembered, then in what was sighted last: much of the rest may be
         hidden by now, which speaks against any place.
         """
-        map_T_last = self._map_T_last.pose
         for remembered_m in np.unique(self._settings.memory_m * _FRESHER)[::-1].tolist():
             since_m = self._driven_m - remembered_m
             placed = find_pose(self._map, perceptions, map_T_last, map_T_proposed, since_m)

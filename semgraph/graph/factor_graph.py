@@ -187,9 +187,15 @@ class FactorGraph:
         windows.forget(landmark)
 
     def weakest_link(self, since_pose: int) -> int:
-        """The pose after the least certain motion since a pose."""
+        """The pose after what holds least since a pose.
+
+        That is the motion across which the fewest landmarks were sighted, and of those the least
+        certain one.
+        """
         covariances = self._solver.log.motion_covariances[since_pose + 1 :]
-        return since_pose + 1 + int((covariances[:, 0, 0] + covariances[:, 1, 1]).argmax())
+        variances = covariances[:, 0, 0] + covariances[:, 1, 1]
+        held = self._solver.log.num_across()[since_pose + 1 :]
+        return since_pose + 1 + int(np.lexsort((-variances, held))[0])
 
     def cost(self) -> float:
         """Half the sum of all chi-squares, under the kernel; takes time as long as the run.

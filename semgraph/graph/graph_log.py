@@ -120,6 +120,20 @@ class GraphLog:
     def __len__(self) -> int:
         return len(self._rows)
 
+    def num_across(self) -> IntArray:
+        """(n,) how many landmarks were sighted both before each pose and from there on."""
+        rows = np.flatnonzero(self.landmarks != NOWHERE)
+        poses = self.poses[rows]
+        names, things = np.unique(self.landmarks[rows], return_inverse=True)
+        first, last = np.full(len(names), self.num_poses), np.zeros(len(names), dtype=np.int64)
+        np.minimum.at(first, things, poses)
+        np.maximum.at(last, things, poses)
+        steps = np.zeros(self.num_poses + 2, dtype=np.int64)
+        np.add.at(steps, first + 1, 1)
+        np.add.at(steps, last + 1, -1)
+        across: IntArray = steps.cumsum()[: self.num_poses]
+        return across
+
     def add_motion(self, motion: UncertainPose2) -> int:
         """The pose that it leads to."""
         self._num_before.append(len(self._poses))

@@ -35,6 +35,8 @@ JUMP_M: Final = 0.5
 # Around the last pose, how far and at most how many landmarks are kept at the Bayes tree's root.
 _FRONT_M: Final = 20.0
 _FRONT_LANDMARKS: Final = 80
+# In a shorter run paths are short, and iSAM2's own order costs less.
+_LONG_WINDOWS: Final = 200
 # How often a graph that was rebuilt from values of some time ago is linearized again.
 _SETTLING: Final = 5
 
@@ -340,22 +342,24 @@ class GraphSolver:
         self.places.put(landmark, place)
 
     def _front(self) -> Front | None:
-        """What is around the last pose; anew every so often. None where nothing is condensed yet.
+        """What is around the last pose; anew every so often. None in a short run.
 
         The next sightings are of that. Left to itself iSAM2 keeps only what was just sighted at the
         root; the rest of a long run's surroundings is deep down, on long paths.
         """
-        if not len(self.windows):
+        if len(self.windows) < _LONG_WINDOWS:
             return None
         here = self._poses.rows[self.last, :2].copy()
         is_new = bool(np.hypot(*(here - self._front_at)) > 0.5 * _FRONT_M)
         if is_new:
             self._front_at = here
-        landmarks = self.places.around(here, _FRONT_M)
-        if len(landmarks) > _FRONT_LANDMARKS:
-            off = np.array([self._landmarks[each] for each in landmarks]) - here
+        around = self.places.around(here, _FRONT_M)
+        if len(around) > _FRONT_LANDMARKS:
+            off = np.array([self._landmarks[each] for each in around]) - here
             nearest = np.argsort(np.hypot(*off.T), kind="stable")[:_FRONT_LANDMARKS]
-            landmarks = [landmarks[k] for k in nearest.tolist()]
+            around = [around[k] for k in nearest.tolist()]
+        sighted = self.log.landmarks[self.log.rows_of_poses(self.windows.end + 1, self.last)]
+        landmarks = sorted({*around, *sighted.tolist()})
         return Front(range(self.windows.end, self.last + 1), landmarks, is_new)
 
     def _condense_next(self) -> None:

@@ -268,3 +268,25 @@ def test_where_a_stretch_cannot_be_condensed_anew_nothing_is_condensed_any_more(
     assert num_condensed(graph) == 0
     assert graph.incidents == ("nothing is condensed any more: a stretch is nearly singular",)
     assert_close(optimum(graph), optimum(whole))
+
+
+def test_what_is_kept_at_the_root_changes_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = drive(1, num_poses=60)
+    left_to_itself = optimum(driven(made, 6))
+    monkeypatch.setattr("semgraph.graph.graph_solver._LONG_WINDOWS", 1)
+    monkeypatch.setattr("semgraph.graph.graph_solver._FRONT_M", 1.0)
+    monkeypatch.setattr("semgraph.graph.graph_solver._FRONT_LANDMARKS", 2)
+    graph = driven(made, 6)
+    assert_close(optimum(graph), left_to_itself)
+    assert graph.incidents == ()
+
+
+def test_the_weakest_link_is_that_across_which_least_was_sighted() -> None:
+    """All motions are as unsure; nothing sighted before pose 6 is sighted from there on."""
+    made = drive(1, num_poses=10)
+    graph = FactorGraph(made.start)
+    for pose in range(1, 11):
+        add_scan(graph, made, pose, lambda pose, k: k if pose < 6 else k + 10)
+        graph.update()
+    assert graph.weakest_link(1) == 6
+    assert graph.weakest_link(7) > 7
