@@ -186,8 +186,8 @@ class FactorGraph:
                 return
         windows.forget(landmark)
 
-    def weakest_link(self, since_pose: int) -> int:
-        """The pose after what holds least since a pose.
+    def weakest_link(self, since_pose: int) -> tuple[int, int]:
+        """The pose after what holds least since a pose, and by how many landmarks it is held.
 
         That is the motion across which the fewest landmarks were sighted, and of those the least
         certain one.
@@ -195,7 +195,8 @@ class FactorGraph:
         covariances = self._solver.log.motion_covariances[since_pose + 1 :]
         variances = covariances[:, 0, 0] + covariances[:, 1, 1]
         held = self._solver.log.num_across()[since_pose + 1 :]
-        return since_pose + 1 + int(np.lexsort((-variances, held))[0])
+        weakest = int(np.lexsort((-variances, held))[0])
+        return since_pose + 1 + weakest, int(held[weakest])
 
     def cost(self) -> float:
         """Half the sum of all chi-squares, under the kernel; takes time as long as the run.

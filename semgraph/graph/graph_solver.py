@@ -37,8 +37,8 @@ _FRONT_M: Final = 20.0
 _FRONT_LANDMARKS: Final = 80
 # In a shorter run paths are short, and iSAM2's own order costs less.
 _LONG_WINDOWS: Final = 200
-# How often a graph that was rebuilt from values of some time ago is linearized again.
-_SETTLING: Final = 5
+# How often a graph that moves much is linearized again at most: it ends where nothing moves far.
+_SETTLING: Final = 25
 
 
 @dataclass(frozen=True, slots=True, eq=False)

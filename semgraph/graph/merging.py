@@ -17,6 +17,8 @@ from semgraph.graph.loop_closure import Closure, density, duplicates, find_closu
 from semgraph.graph.recognition import Recognition, is_lost, recognise
 from semgraph.measurement_model import CHI2_2DOF_999
 
+# So many landmarks sighted from both sides hold a link.
+_HELD_BY: Final = 3
 # Fewer scans without a sighting are an interruption, not a loop.
 _LOOP_SCANS: Final = 100
 # What an outline seen from another side adds to the cost of a sighting at most.
@@ -61,12 +63,15 @@ class Merging:
     def _find_itself(self, found: Recognition) -> None:
         """Brings all since the weakest link to where it was recognised, and closes the loop.
 
-        From where it was believed no solver would find there.
+        From where it was believed no solver would find there. Without a weak link all of the way
+        bends a little: carried, what was sighted across the link would be torn.
         """
         graph = self._graph
         before = graph.checkpoint()
         last = max(int(graph.sighted(pair.old).poses.max()) for pair in found.closures)
-        graph.carry(found.correction, graph.weakest_link(last))
+        link, num_across = graph.weakest_link(last)
+        if num_across < _HELD_BY:
+            graph.carry(found.correction, link)
         self.close(found.closures, before)
 
     def close(self, closures: Sequence[Closure], before: Checkpoint | None = None) -> None:

@@ -288,5 +288,5 @@ def test_the_weakest_link_is_that_across_which_least_was_sighted() -> None:
     for pose in range(1, 11):
         add_scan(graph, made, pose, lambda pose, k: k if pose < 6 else k + 10)
         graph.update()
-    assert graph.weakest_link(1) == 6
-    assert graph.weakest_link(7) > 7
+    assert graph.weakest_link(1) == (6, 0)
+    assert graph.weakest_link(7)[1] == 4
