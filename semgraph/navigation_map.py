@@ -6,7 +6,6 @@ of the map's size.
 
 from collections.abc import Iterator
 from enum import Enum
-from typing import Final
 
 import numpy as np
 
@@ -14,9 +13,7 @@ from semgraph.arrays import FloatArray, IntArray
 from semgraph.landmarks import Kind, Landmark, Perceptions, semantic_object
 from semgraph.point_grid import PointGrid
 
-_CELL_M: Final = 5.0
-# Of the variance of a perceived diameter, the share that all perceptions of one thing have.
-_IN_COMMON: Final = 0.5
+_CELL_M = 5.0
 
 
 class Averaging(Enum):
@@ -88,14 +85,12 @@ class NavigationMap:
     def diameters(self, ids: IntArray) -> tuple[FloatArray, FloatArray]:
         """(n,) mean diameters and their sigmas, NaN where none was ever perceived.
 
-        However many perceptions a mean is of, half of the variance of one remains: what shows one
-        side of a thing errs alike, and the other side shows another diameter.
+        A mean is as sure as one perception: what shows one side of a thing errs alike, and the
+        other side shows another diameter.
         """
-        num = self._num_diameters[ids]
         with np.errstate(divide="ignore", invalid="ignore"):
-            variances = num / self._diameter_weights[ids]
-            shares = _IN_COMMON + (1.0 - _IN_COMMON) / num
-        return self._diameters[ids], np.sqrt(shares * variances)
+            sigmas = np.sqrt(self._num_diameters[ids] / self._diameter_weights[ids])
+        return self._diameters[ids], sigmas
 
     def identities(self, ids: IntArray) -> list[str]:
         """(n,) identities, empty where there is none."""

@@ -72,11 +72,12 @@ class Surroundings:
         ids, base_t = ids[ranges_m > _LEAST_RANGE_M], base_t[ranges_m > _LEAST_RANGE_M]
         base_R_odom = rotation(-odom_T_base.theta)
         covariances = base_R_odom @ gathered.covariances(ids) @ base_R_odom.T
-        # They are as if sightings were independent, which have half of their sigma in common.
+        # They are of independent sightings, which have half of their sigma in common.
         num_sightings = gathered.num_sightings(ids)
         shares = 0.75 + 0.25 * num_sightings
         covariances = shares[:, None, None] * covariances
         diameters_m, diameter_sigmas_m = gathered.diameters(ids)
+        diameter_sigmas_m = np.sqrt(shares / num_sightings) * diameter_sigmas_m
         return Perceptions.from_arrays(
             stamp_ns,
             gathered.kinds(ids),

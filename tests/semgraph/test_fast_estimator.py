@@ -281,7 +281,7 @@ def test_a_trunk_that_is_thicker_from_the_other_side_is_the_same() -> None:
     scans = []
     for k, pose in enumerate(poses):
         scan = seen(k, pose, trees)
-        diameters_m = np.full(len(scan), 0.30 if k < 30 else 0.40)
+        diameters_m = np.full(len(scan), 0.30 if k < 30 else 0.42)
         scans.append(
             replace(scan, diameters_m=diameters_m, diameter_sigmas_m=np.full(len(scan), 0.03))
         )

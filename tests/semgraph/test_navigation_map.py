@@ -172,7 +172,7 @@ def test_every_landmark_has_its_own_counter() -> None:
 
 
 def test_diameters_are_averaged_by_their_sigmas_over_those_perceived() -> None:
-    """Half of one's variance stays however many there are, of the rest a third of it here."""
+    """And the mean is as sure as one of them: what shows one side of a thing errs alike."""
     diameters_m = np.array([np.nan, 0.30, 0.36, np.nan, 0.33])
     sigmas_m = np.array([np.nan, 0.03, 0.06, np.nan, 0.02])
     navigation_map = NavigationMap()
@@ -187,7 +187,7 @@ def test_diameters_are_averaged_by_their_sigmas_over_those_perceived() -> None:
     diameter = navigation_map.landmark(0).semantics.diameter
     assert diameter is not None
     assert diameter.mean_m == pytest.approx(np.average(diameters_m[[1, 2, 4]], weights=weights))
-    assert diameter.sigma_m == pytest.approx((3 / weights.sum() * (0.5 + 0.5 / 3)) ** 0.5)
+    assert diameter.sigma_m == pytest.approx((3 / weights.sum()) ** 0.5)
 
 
 def test_reliability_is_that_not_all_sightings_were_false() -> None:
