@@ -61,9 +61,10 @@ class GraphCovariances:
         except GraphError as error:
             self._solver.incidents.append(f"covariance by the whole graph: {error}")
             return self.of_landmarks_together(landmarks)
+        pieces: dict[int, Piece] = {}
         for _ in range(_HOPS):
-            pieces = [self._piece(number) for number in sorted(windows)]
-            found = covariance_by(pieces, newest, landmarks)
+            pieces |= {number: self._piece(number) for number in windows - pieces.keys()}
+            found = covariance_by([pieces[k] for k in sorted(pieces)], newest, landmarks)
             if found is not None:
                 return found
             windows |= self._solver.windows.beside(windows)

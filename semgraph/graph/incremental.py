@@ -125,12 +125,12 @@ class Incremental:
     def update(self, front: Front | None = None, *, relinearize: bool = False) -> int:
         """Takes in what waits, which waits on until `forget_waiting`.
 
-        Returns:
-            how many variables were linearized again.
-
         Args:
             front: what stays at the root of the Bayes tree; None for what has new factors.
             relinearize: force it.
+
+        Returns:
+            how many variables were linearized again.
 
         Raises:
             UpdateError: with the reason in a line.
