@@ -89,6 +89,8 @@ class FastEstimator:
         self._last_motion = Pose2()
         self._driven_m = 0.0
         self._last_seconds = 0.0
+        # For how long no movement was perceived.
+        self._unseen_seconds = 0.0
         self._was_perceived = False
         self._last_stamp_ns: int | None = None
 
@@ -100,7 +102,7 @@ class FastEstimator:
     def restart(self, map_T_base: UncertainPose2, stamp_ns: int) -> None:
         """The pose at a time is known from elsewhere; the movement up to it is not."""
         self._map_T_last = map_T_base
-        self._last_motion, self._last_seconds = Pose2(), 0.0
+        self._last_motion, self._last_seconds, self._unseen_seconds = Pose2(), 0.0, 0.0
         self._last_stamp_ns, self._was_perceived = stamp_ns, False
 
     def step(self, perceptions: Perceptions, odometry: UncertainPose2 | None) -> FastStep:
@@ -140,7 +142,9 @@ class FastEstimator:
         if self._last_stamp_ns is None:
             return UncertainPose2(Pose2(), _KNOWN_START)
         seconds = (stamp_ns - self._last_stamp_ns) * 1e-9
-        return constant_motion(self._last_motion, self._last_seconds, seconds, noise)
+        return constant_motion(
+            self._last_motion, self._last_seconds, seconds, noise, self._unseen_seconds
+        )
 
     def _find_correspondences(
         self, perceptions: Perceptions, map_T_proposed: UncertainPose2
@@ -322,6 +326,7 @@ class FastEstimator:
                 expected = self._propose(stamp_ns, None, self._motion_noise).pose
                 self._habit.note(expected, step, span_s2(self._last_seconds, seconds))
             self._last_motion, self._last_seconds = step, seconds
+            self._unseen_seconds = 0.0 if is_perceived else self._unseen_seconds + seconds
         self._was_perceived = is_perceived
         self._map_T_last = map_T_base
         self._last_stamp_ns = stamp_ns

@@ -115,11 +115,17 @@ def span_s2(last_seconds: float, seconds: float) -> float:
 
 
 def constant_motion(
-    last_motion: Pose2, last_seconds: float, seconds: float, noise: MotionNoise
+    last_motion: Pose2,
+    last_seconds: float,
+    seconds: float,
+    noise: MotionNoise,
+    unseen_seconds: float = 0.0,
 ) -> UncertainPose2:
     """The last movement once more, scaled to the time that has passed.
 
-    Before the first movement the speed is unknown altogether.
+    Before the first movement the speed is unknown altogether. Where the last movement is itself
+    one that nothing showed, the velocity had `unseen_seconds` more to change in: motions one after
+    the other, as if each erred for itself, then add up to what a velocity that wanders leaves open.
 
     Source: paper section 3.3, the proposed frame. The covariance is this project's.
     """
@@ -129,7 +135,7 @@ def constant_motion(
         return UncertainPose2(Pose2(), np.diag([sigma_m**2, sigma_m**2, sigma_rad**2]))
     scale = seconds / last_seconds
     motion = Pose2(last_motion.x * scale, last_motion.y * scale, last_motion.theta * scale)
-    span = span_s2(last_seconds, seconds)
+    span = span_s2(last_seconds, seconds) + seconds * unseen_seconds
     sigma_m = min(noise.acceleration * span, noise.unknown_speed * seconds) + noise.floor_m
     sigma_rad = min(noise.angular_acceleration * span, noise.unknown_turn_rate * seconds)
     sigma_rad = min(sigma_rad + noise.floor_rad, _UNKNOWN_HEADING)

@@ -250,6 +250,11 @@ class FactorGraph:
         self._solver.polish()
         self._covariances.forget()
 
+    def optimize(self) -> None:
+        """The same, with what is condensed as it is."""
+        self._solver.optimize()
+        self._covariances.forget()
+
     def leave_out_strays(self, landmarks: Set[int]) -> dict[int, Sighted]:
         """Takes out sightings of these landmarks that fit nothing, and moves to the optimum again.
 

@@ -24,7 +24,7 @@ from semgraph.graph.factors import (
 )
 from semgraph.graph.graph_log import GraphLog
 from semgraph.graph.growing import Growing
-from semgraph.graph.incremental import Front, Incremental, Slots, UpdateError
+from semgraph.graph.incremental import Front, Incremental, Slots, UpdateError, Values
 from semgraph.graph.windows import NONE, Window, Windows
 from semgraph.point_grid import PointGrid
 
@@ -39,6 +39,8 @@ _FRONT_LANDMARKS: Final = 80
 _LONG_WINDOWS: Final = 200
 # How often a graph that moves much is linearized again at most: it ends where nothing moves far.
 _SETTLING: Final = 25
+# After so many failed updates by Cholesky the rest is done by QR.
+_FAILURES: Final = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,6 +117,7 @@ class GraphSolver:
         self._is_current = False
         self._are_current = set[int]()
         self._last_updated = -1
+        self._num_failures = 0
         self._front_at = map_T_start.pose.as_array()[:2]
         self._poses.append(map_T_start.pose.as_array())
         self.isam.add(prior_factor(map_T_start), self.slots.prior, 0)
@@ -197,19 +200,30 @@ class GraphSolver:
             self._are_current.clear()
             self._poses.rows[last] = self.isam.pose(last).as_array()
         except UpdateError as error:
-            self.incidents.append(f"update failed, graph rebuilt: {error}")
-            self.rebuild()
+            self._mend(error)
         else:
             if np.hypot(*(self._poses.rows[last] - before)[:2]) > JUMP_M:
                 self._read_all()
         self._settled()
         return has_moved
 
+    def _mend(self, error: UpdateError) -> None:
+        """The graph from its own log; what failed several times would go on to fail."""
+        self._num_failures += 1
+        by = ""
+        if self._num_failures == _FAILURES and self.isam.factorization != "QR":
+            self.isam.factorization, by = "QR", ", by QR from now on"
+        self.incidents.append(f"update failed, graph rebuilt{by}: {error}")
+        self.rebuild()
+
     def settle(self) -> None:
         """Linearizes again until little moves: what one update after a great change leaves open."""
-        for _ in range(_SETTLING):
-            if not self.update(relinearize=True):
-                return
+        self.update(relinearize=True)
+        try:
+            self.isam.linearize_again(_SETTLING)
+            self._read_all()
+        except UpdateError as error:
+            self._mend(error)
 
     def polish(self) -> None:
         """Moves to the batch optimum over the whole log, starting from the estimate at hand.
@@ -219,12 +233,18 @@ class GraphSolver:
         """
         self.estimate()
         self.windows.clear(self.last)
+        self.optimize()
+
+    def optimize(self) -> None:
+        """The same, with what is condensed as it is."""
+        self.estimate()
         whole, kept = Incremental(self.isam.factorization), (self.isam, self.slots)
         self.isam, self.slots = whole, _AllSlots()
         self._add_all()
         self.isam, self.slots = kept
-        found = whole.optimum()
-        self.start_from(GraphEstimate(found.map_T_bases, dict(found.map_t_landmarks)))
+        self._take(whole.optimum())
+        self._are_current.clear()
+        self.rebuild()
 
     def pose(self, index: int) -> Pose2:
         """map_T_base of one pose as of the last update."""
@@ -409,15 +429,18 @@ class GraphSolver:
     def _read_all(self) -> None:
         """All variables, poses that were given up included."""
         if self._last_updated >= 0:
-            values = self.isam.values()
-            self._poses.rows[values.poses] = values.map_T_bases
-            for landmark, place in values.map_t_landmarks.items():
-                if landmark in self.log:
-                    self.move(landmark, place)
+            self._take(self.isam.values())
+        self._is_current = True
+
+    def _take(self, values: Values) -> None:
+        """Everything is there."""
+        self._poses.rows[values.poses] = values.map_T_bases
+        for landmark, place in values.map_t_landmarks.items():
+            if landmark in self.log:
+                self.move(landmark, place)
         for window in self.windows:
             followed = follow(self._poses.rows[window.first], window.condensed)
             self._poses.rows[window.first + 1 : window.last] = followed
-        self._is_current = True
 
     def _settled(self) -> None:
         """Nothing waits any more."""

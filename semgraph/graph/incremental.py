@@ -12,9 +12,11 @@ from scipy.sparse import csr_matrix
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import GraphError
-from semgraph.geometry import Pose2
+from semgraph.geometry import Pose2, relative_poses
 from semgraph.graph.factors import to_gtsam, whitened
 
+# A variable that is farther from where it was linearized, in m or rad, is linearized again.
+_MOVED: Final = 0.1
 _INDEX: Final = (1 << 56) - 1
 _FAILURES: Final = (RuntimeError, ValueError, IndexError)
 
@@ -160,18 +162,41 @@ class Incremental:
     def linearize_again(self, times: int) -> None:
         """So many steps more at most, with nothing new: until nothing moves far.
 
+        iSAM2 looks from the root on for what moved, and not beyond what did not: what moved most is
+        brought to the root where it finds nothing.
+
         Raises:
             UpdateError: with the reason in a line.
         """
+        for _ in range(times):
+            if self._step(gtsam.KeyGroupMap(), gtsam.KeyList()):
+                continue
+            moved = self._most_moved()
+            if moved is None:
+                return
+            groups, pulled = gtsam.KeyGroupMap(), gtsam.KeyList()
+            groups.insert2(moved, 1)
+            pulled.push_back(moved)
+            self._step(groups, pulled)
+
+    def _step(self, groups: gtsam.KeyGroupMap, pulled: gtsam.KeyList) -> int:
+        """How many variables were linearized again, with nothing new."""
+        factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         try:
-            for _ in range(times):
-                result = self._isam.update(
-                    gtsam.NonlinearFactorGraph(), gtsam.Values(), [], None, None, None, True
-                )
-                if not result.getVariablesRelinearized():
-                    return
+            result = self._isam.update(factors, values, [], groups, None, pulled, True)
         except _FAILURES as error:
             raise UpdateError(_first_line(error)) from error
+        return int(result.getVariablesRelinearized())
+
+    def _most_moved(self) -> int | None:
+        """The key of the pose that is farthest from where it was linearized, None for no far one.
+
+        A pose that turned moved as far as its landmarks did.
+        """
+        then, now = _read(self._isam.getLinearizationPoint()), self.values()
+        off = np.abs(relative_poses(then.map_T_bases, now.map_T_bases))
+        row = int(off.max(axis=1).argmax())
+        return int(X(then.poses[row])) if off[row].max() > _MOVED else None
 
     def has_pose(self, pose: int) -> bool:
         """As of the last update."""
@@ -267,7 +292,7 @@ def _new_isam(factorization: str) -> gtsam.ISAM2:
     params = gtsam.ISAM2Params()
     params.setFactorization(factorization)
     params.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(0.01))
-    params.setRelinearizeThreshold(0.1)
+    params.setRelinearizeThreshold(_MOVED)
     # Closures force it; relinearizing less often costs no accuracy, for the end is a batch.
     params.relinearizeSkip = 3
     params.enablePartialRelinearizationCheck = True

@@ -93,7 +93,10 @@ class Merging:
             self._go_back_if_costly(merged, before)
 
     def _go_back_if_costly(self, merged: Sequence[Closure], before: Checkpoint) -> None:
-        """Takes all of these back where the graph's cost rose by more than they explain."""
+        """Takes all of these back where the graph's cost rose by more than they explain.
+
+        Step by step a graph that moved far can come to rest where sightings it lost hold it.
+        """
         graph = self._graph
         merges = [(each.old, self._registry.merges(each.old)[-1]) for each in merged]
         sightings = sum(
@@ -102,6 +105,9 @@ class Merging:
         )
         most = 0.5 * CHI2_2DOF_999 * len(merged) + _COST_A_SIGHTING * sightings
         rise = graph.cost() - before.cost
+        if rise > most:
+            graph.optimize()
+            rise = graph.cost() - before.cost
         if rise <= most:
             return
         for landmark, merge in merges:

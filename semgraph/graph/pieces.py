@@ -1,13 +1,15 @@
 """Covariances out of pieces of a graph: a few condensed stretches, whatever else there is."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_matrix
 
-from semgraph.arrays import FloatArray
+from semgraph.arrays import BoolArray, FloatArray
 from semgraph.errors import GraphError
 from semgraph.graph.information import DenseInformation, Information
 
@@ -43,19 +45,60 @@ def covariance_by(
     pieces do not hold a landmark and the newest one together, to half a metre.
     """
     chosen = _connected(pieces, newest)
+    if not {landmark for piece in chosen for landmark in piece.landmarks} >= set(landmarks):
+        return None
+    try:
+        return _covariance(_without_lone(chosen, landmarks), newest, landmarks)
+    except GraphError:
+        # Pieces with one landmark in common turn about it as they like.
+        return None
+
+
+def _covariance(
+    chosen: Sequence[Piece], newest: Piece, landmarks: Sequence[int]
+) -> FloatArray | None:
+    """None where it is not held to half a metre."""
     places = sorted({landmark for piece in chosen for landmark in piece.landmarks})
     poses = sorted({pose for piece in chosen for pose in (piece.first, piece.last)} - {newest.last})
     columns = {pose: 2 * len(places) + 3 * k for k, pose in enumerate(poses)}
     of = {landmark: 2 * k for k, landmark in enumerate(places)}
-    if not of.keys() >= set(landmarks):
-        return None
     asked = np.array([of[landmark] + k for landmark in landmarks for k in range(2)])
-    try:
-        covariance = _information(chosen, columns, of).covariance(asked)
-    except GraphError:
-        # Pieces with one landmark in common turn about it as they like.
-        return None
+    covariance = _information(chosen, columns, of).covariance(asked)
     return covariance if np.diag(covariance).max() <= _WELL_KNOWN_M**2 else None
+
+
+def _without_lone(pieces: Sequence[Piece], asked: Sequence[int]) -> list[Piece]:
+    """The same of what several pieces or the asker know: nine things in ten hold nothing together.
+
+    A landmark that is several things of one piece stays, for those move together.
+    """
+    counts = Counter(landmark for piece in pieces for landmark in piece.landmarks)
+    counts.update(asked)
+    return [
+        _marginalized(piece, np.array([counts[k] == 1 for k in piece.landmarks], dtype=bool))
+        for piece in pieces
+    ]
+
+
+def _marginalized(piece: Piece, is_lone: BoolArray) -> Piece:
+    """What it says of all but some of its things: what no place of those could explain."""
+    if not is_lone.any():
+        return piece
+    height, kept = len(piece.by_first), piece.by_things[:, ~is_lone]
+    lone = piece.by_things[:, is_lone].reshape(height, -1)
+    rest = np.hstack([kept.reshape(height, -1), piece.by_first, piece.by_last])
+    try:
+        rest = rest - lone @ cho_solve(cho_factor(lone.T @ lone), lone.T @ rest)
+    except np.linalg.LinAlgError:
+        raise GraphError("a stretch says next to nothing of a landmark") from None
+    return Piece(
+        piece.first,
+        piece.last,
+        tuple(k for k, lonely in zip(piece.landmarks, is_lone.tolist(), strict=True) if not lonely),
+        rest[:, -6:-3],
+        rest[:, -3:],
+        rest[:, :-6].reshape(kept.shape),
+    )
 
 
 def _information(

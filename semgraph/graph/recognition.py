@@ -33,7 +33,7 @@ _MAP_SIGMA_M: Final = 0.1
 # Fewer are found anywhere.
 _LEAST_SEEN: Final = 4
 _LEAST_SIGHTINGS: Final = 3
-_MAX_MAPPED: Final = 5000
+_MAX_MAPPED: Final = 20_000
 _WELL_KNOWN_M: Final = 1.0
 
 

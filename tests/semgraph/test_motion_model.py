@@ -143,6 +143,20 @@ def test_the_longer_the_gap_the_less_is_known(
     assert (short <= long).all()
 
 
+def test_a_velocity_that_wanders_unseen_is_as_far_off_as_the_motions_one_after_the_other() -> None:
+    """Each repeats the last; every tenth of a second the velocity changes by chance."""
+    rng = np.random.default_rng(5)
+    noise = MotionNoise(acceleration=2.0, floor_m=1e-6, unknown_speed=1e3)
+    changes = rng.normal(scale=2.0 * 0.1, size=(20_000, 45))
+    wandered_m = (changes.cumsum(axis=1) * 0.1).sum(axis=1)
+    motion = Pose2(0.1, 0.0, 0.0)
+    composed = UncertainPose2(Pose2(), np.zeros((3, 3)))
+    for k in range(45):
+        step = constant_motion(motion, 0.1, 0.1, noise, 0.1 * k)
+        composed = composed @ UncertainPose2(motion, np.diag([*np.diag(step.covariance)[:2], 0.0]))
+    assert composed.covariance[0, 0] ** 0.5 == pytest.approx(wandered_m.std(), rel=0.03)
+
+
 def habit(acceleration: float, turn: float, count: int) -> MotionNoise:
     """Learned from so many movements of 3 s whose velocity changed by as much."""
     rng = np.random.default_rng(3)

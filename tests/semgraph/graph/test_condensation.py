@@ -65,6 +65,15 @@ def test_most_poses_are_given_up_and_followed() -> None:
     assert graph.incidents == ()
 
 
+def test_the_optimum_of_the_condensed_graph_leaves_it_condensed() -> None:
+    made = drive(2, num_poses=30)
+    graph = driven(made, 6)
+    count = num_condensed(graph)
+    graph.optimize()
+    assert num_condensed(graph) == count > 10
+    assert_close(optimum(graph), optimum(driven(made, 0)))
+
+
 def test_polishing_is_of_the_whole_graph() -> None:
     made = drive(2, num_poses=30)
     whole, condensed = (polished(driven(made, length)) for length in (0, 6))
@@ -248,6 +257,40 @@ def test_pieces_that_turn_about_one_landmark_do_not_say_where_the_others_are() -
     assert known is not None
     np.testing.assert_allclose(known[:2, :2], 1e-4 * np.eye(2), rtol=1e-6)
     assert 1e-4 < known[2, 2] < 0.01
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_lone_in_one_piece_is_left_out_without_loss(seed: int) -> None:
+    """Against the inverse of all that two pieces say; landmark 9 is two things of the second."""
+    rng = np.random.default_rng(seed)
+    first = some_piece(rng, 0, (0, 1, 2, 3, 4))
+    second = some_piece(rng, 1, (1, 9, 7, 9, 4))
+    order = [0, 1, 2, 3, 4, 7, 9]
+    information = np.zeros((20, 20))
+    for piece, poses in ((first, (piece_pose(14), piece_pose(17))), (second, (piece_pose(17), []))):
+        A = np.zeros((len(piece.by_first), 20))
+        for landmark, by_thing in zip(
+            piece.landmarks, piece.by_things.transpose(1, 0, 2), strict=True
+        ):
+            A[:, 2 * order.index(landmark) + np.arange(2)] += by_thing
+        for by_pose, columns in zip((piece.by_first, piece.by_last), poses, strict=True):
+            A[:, columns] += by_pose[:, : len(columns)]
+        information += A.T @ A
+    found = covariance_by([first], second, [2, 9, 4])
+    assert found is not None
+    asked = [4, 5, 12, 13, 8, 9]
+    np.testing.assert_allclose(found, np.linalg.inv(information)[np.ix_(asked, asked)], rtol=1e-6)
+
+
+def some_piece(rng: np.random.Generator, first: int, landmarks: tuple[int, ...]) -> Piece:
+    height = 2 * len(landmarks) + 6
+    by_first, by_last = rng.normal(size=(2, height, 3))
+    by_things = rng.normal(scale=9.0, size=(height, len(landmarks), 2))
+    return Piece(first, first + 1, landmarks, by_first, by_last, by_things)
+
+
+def piece_pose(start: int) -> list[int]:
+    return list(range(start, start + 3))
 
 
 def test_where_a_stretch_cannot_be_condensed_anew_nothing_is_condensed_any_more(

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import permutations
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -14,6 +15,7 @@ from semgraph.errors import GraphError
 from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.graph.factors import Sighting
+from semgraph.graph.incremental import Incremental, UpdateError
 from semgraph.measurement_model import jacobians, predict
 from tests.semgraph.drives import (
     LANDMARKS,
@@ -287,6 +289,25 @@ def test_sightings_a_million_times_finer_than_the_odometry_are_solved() -> None:
         relative = first.between(graph.pose(index)).as_array()
         np.testing.assert_allclose(relative, [index - 1.0, 0.0, 0.0], atol=1e-4)
     assert np.linalg.eigvalsh(graph.landmark_covariance([0, 1, 2, 3]))[0] > 0.0
+
+
+def test_a_graph_that_fails_again_and_again_goes_on_by_qr(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = drive(3)
+    expected = polished(built(made))
+    update = Incremental.update
+
+    def fail(self: Incremental, *args: Any, **options: Any) -> int:
+        if self.factorization == "CHOLESKY" and self.has_pose(0):
+            raise UpdateError("indeterminate")
+        return update(self, *args, **options)
+
+    monkeypatch.setattr(Incremental, "update", fail)
+    graph = built(made)
+    assert graph.incidents == (
+        *("update failed, graph rebuilt: indeterminate",) * 2,
+        "update failed, graph rebuilt, by QR from now on: indeterminate",
+    )
+    assert_same(polished(graph), expected)
 
 
 @pytest.mark.parametrize("seed", range(4))
