@@ -213,7 +213,7 @@ class _Factored:
     def of(cls, isam: gtsam.ISAM2) -> Self:
         linear = isam.getFactorsUnsafe().linearize(isam.calculateEstimate())
         jacobian, columns = whitened(linear)
-        return cls(Information(jacobian), columns)
+        return cls(Information.by(jacobian), columns)
 
     def covariance(self, keys: Sequence[int]) -> FloatArray:
         return self.information.covariance(np.concatenate([self.columns[key] for key in keys]))

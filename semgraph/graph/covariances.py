@@ -74,5 +74,5 @@ class Covariances:
         """
         if self._factored is None:
             jacobian, self._columns = self._isam.jacobian()
-            self._factored = Information(jacobian)
+            self._factored = Information.by(jacobian)
         return self._factored, self._columns

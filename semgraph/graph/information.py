@@ -1,7 +1,7 @@
 """Covariances out of a sparse information matrix."""
 
 from collections.abc import Callable, Sequence
-from typing import Final, final
+from typing import Final, Self, final
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -64,19 +64,18 @@ class DenseInformation:
 
 @final
 class Information:
-    """The information A^T A of all variables together, factored once.
+    """The information of all variables together, factored once.
 
     Scaled to a unit diagonal first, since sigmas of metres and of 1e-4 rad meet in it.
 
     Args:
-        jacobian: A (m, n), whitened.
+        information: (n, n).
 
     Raises:
         GraphError: the matrix is singular.
     """
 
-    def __init__(self, jacobian: csr_matrix) -> None:
-        information = csc_matrix(jacobian.T @ jacobian)
+    def __init__(self, information: csc_matrix) -> None:
         self._scale = _scale(information.diagonal())
         scaling = diags(self._scale)
         try:
@@ -89,6 +88,11 @@ class Information:
             )
         except RuntimeError as error:
             raise GraphError(f"no covariance: {error}") from error
+
+    @classmethod
+    def by(cls, jacobian: csr_matrix) -> Self:
+        """A^T A of a whitened Jacobian A (m, n)."""
+        return cls(csc_matrix(jacobian.T @ jacobian))
 
     @property
     def num_columns(self) -> int:

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import csr_matrix
+from scipy.sparse import csc_matrix
 
 from semgraph.arrays import BoolArray, FloatArray
 from semgraph.errors import GraphError
@@ -104,49 +104,43 @@ def _marginalized(piece: Piece, is_lone: BoolArray) -> Piece:
 def _information(
     chosen: Sequence[Piece], columns: dict[int, int], of: dict[int, int]
 ) -> Information | DenseInformation:
-    """All that the pieces say; as a dense matrix, unless it is large."""
+    """All that the pieces say; as a dense matrix, unless it is large.
+
+    Those of one place, from tracks that are one landmark, add up.
+    """
     size = 2 * len(of) + 3 * len(columns)
+    blocks = [_squared(piece, columns, of) for piece in chosen]
     if size > _DENSE:
-        return Information(_together(chosen, columns, of))
+        return Information(_together(blocks, size))
     information = np.zeros((size, size))
-    for piece in chosen:
-        A, where = _matrix(piece, columns, of)
-        squared = A.T @ A
+    for squared, where in blocks:
         if len(set(where)) == len(where):
             information[np.ix_(where, where)] += squared
         else:
-            # Those of one place, from tracks that are one landmark, add up.
             np.add.at(information, np.ix_(where, where), squared)
     return DenseInformation(information)
 
 
-def _matrix(
+def _squared(
     piece: Piece, columns: dict[int, int], of: dict[int, int]
 ) -> tuple[FloatArray, list[int]]:
-    """(d, k) of a piece and the columns of it; what it says of a known pose falls away."""
+    """(k, k) information of a piece and the columns of it; what it says of a known pose is out."""
     by = [piece.by_things.reshape(len(piece.by_first), -1)]
     where = [of[landmark] + k for landmark in piece.landmarks for k in range(2)]
     for pose, by_pose in ((piece.first, piece.by_first), (piece.last, piece.by_last)):
         if pose in columns:
             by.append(by_pose)
             where += range(columns[pose], columns[pose] + 3)
-    return np.hstack(by), where
+    A = np.hstack(by)
+    return A.T @ A, where
 
 
-def _together(pieces: Sequence[Piece], columns: dict[int, int], of: dict[int, int]) -> csr_matrix:
-    """All pieces in one sparse matrix."""
-    values, rows, wheres, height = [], [], [], 0
-    for piece in pieces:
-        A, where = _matrix(piece, columns, of)
-        values.append(A.ravel())
-        rows.append(np.repeat(height + np.arange(len(A)), A.shape[1]))
-        wheres.append(np.tile(where, len(A)))
-        height += len(A)
-    shape = height, 2 * len(of) + 3 * len(columns)
-    parts = (np.concatenate(each) for each in (values, rows, wheres))
-    value, row, column = parts
-    # Those of one place, from tracks that are one landmark, add up.
-    return csr_matrix((value, (row, column)), shape=shape)
+def _together(blocks: Sequence[tuple[FloatArray, list[int]]], size: int) -> csc_matrix:
+    """All in one sparse matrix (size, size)."""
+    values = np.concatenate([squared.ravel() for squared, _ in blocks])
+    rows = np.concatenate([np.repeat(where, len(where)) for _, where in blocks])
+    columns = np.concatenate([np.tile(where, len(where)) for _, where in blocks])
+    return csc_matrix((values, (rows, columns)), shape=(size, size))
 
 
 def _connected(pieces: Sequence[Piece], newest: Piece) -> list[Piece]:

@@ -242,7 +242,7 @@ class BatchGraph:
     def _information(self) -> Information:
         if self._factored is None:
             jacobian, self._columns = whitened(self._graph.linearize(self._values))
-            self._factored = Information(jacobian)
+            self._factored = Information.by(jacobian)
         return self._factored
 
     def _columns_of(self, key: int) -> IntArray:

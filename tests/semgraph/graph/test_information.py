@@ -22,7 +22,7 @@ def jacobian(seed: int, n: int) -> FloatArray:
 def test_any_columns_in_any_order(seed: int, n: int) -> None:
     A = jacobian(seed, n)
     expected = np.linalg.inv(A.T @ A)
-    information = Information(csr_matrix(A))
+    information = Information.by(csr_matrix(A))
     columns = np.random.default_rng(seed).permutation(n)[: max(2, n // 2)]
     scale = np.sqrt(np.diag(expected))
     errors = (information.covariance(columns) - expected[np.ix_(columns, columns)]) / np.outer(
@@ -33,6 +33,6 @@ def test_any_columns_in_any_order(seed: int, n: int) -> None:
 
 def test_a_singular_matrix_is_one_line() -> None:
     with pytest.raises(GraphError, match="no information"):
-        Information(csr_matrix(np.diag([1.0, 0.0, 1.0])))
+        Information.by(csr_matrix(np.diag([1.0, 0.0, 1.0])))
     with pytest.raises(GraphError, match="no covariance"):
-        Information(csr_matrix(np.array([[1.0, -1.0], [1.0, -1.0]]))).covariance(np.arange(2))
+        Information.by(csr_matrix(np.array([[1.0, -1.0], [1.0, -1.0]]))).covariance(np.arange(2))
