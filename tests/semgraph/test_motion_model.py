@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,6 +20,7 @@ from semgraph.motion_model import (
 )
 from sensors.measurements import OdometryNoise, WheelOdometry
 
+BARE = MotionNoise(floor_m=1e-6)
 NOISE = OdometryNoise(0.05, 0.02, 0.01, 0.05)
 MOTIONS = st.builds(Pose2, st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(-math.pi, math.pi))
 
@@ -146,7 +148,7 @@ def test_the_longer_the_gap_the_less_is_known(
 def test_a_velocity_that_wanders_unseen_is_as_far_off_as_the_motions_one_after_the_other() -> None:
     """Each repeats the last; every tenth of a second the velocity changes by chance."""
     rng = np.random.default_rng(5)
-    noise = MotionNoise(acceleration=2.0, floor_m=1e-6, unknown_speed=1e3)
+    noise = replace(BARE, unknown_speed=1e3)
     changes = rng.normal(scale=2.0 * 0.1, size=(20_000, 45))
     wandered_m = (changes.cumsum(axis=1) * 0.1).sum(axis=1)
     motion = Pose2(0.1, 0.0, 0.0)
@@ -155,6 +157,12 @@ def test_a_velocity_that_wanders_unseen_is_as_far_off_as_the_motions_one_after_t
         step = constant_motion(motion, 0.1, 0.1, noise, 0.1 * k)
         composed = composed @ UncertainPose2(motion, np.diag([*np.diag(step.covariance)[:2], 0.0]))
     assert composed.covariance[0, 0] ** 0.5 == pytest.approx(wandered_m.std(), rel=0.03)
+
+
+def test_an_unknown_speed_leaves_open_what_it_would_in_one_motion() -> None:
+    steps = [constant_motion(Pose2(), 0.0, 0.1, BARE, 0.1 * k).covariance for k in range(40)]
+    whole = constant_motion(Pose2(), 0.0, 4.0, BARE).covariance
+    np.testing.assert_allclose(np.sum(steps, axis=0)[:2, :2], whole[:2, :2], rtol=1e-3)
 
 
 def habit(acceleration: float, turn: float, count: int) -> MotionNoise:
