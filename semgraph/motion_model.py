@@ -130,16 +130,16 @@ def constant_motion(
 
     Source: paper section 3.3, the proposed frame. The covariance is this project's.
     """
-    # What a speed that is never known leaves open, with all the time before: as far as it may be.
-    unknown = (seconds * (seconds + 2.0 * unseen_seconds)) ** 0.5
-    sigma_m, sigma_rad = noise.unknown_speed * unknown, noise.unknown_turn_rate * unknown
-    motion = Pose2()
-    if last_seconds > 0.0:
-        scale = seconds / last_seconds
-        motion = Pose2(last_motion.x * scale, last_motion.y * scale, last_motion.theta * scale)
-        span = span_s2(last_seconds, seconds) + seconds * unseen_seconds
-        sigma_m = min(noise.acceleration * span, sigma_m)
-        sigma_rad = min(noise.angular_acceleration * span, sigma_rad)
-    sigma_m, sigma_rad = sigma_m + noise.floor_m, sigma_rad + noise.floor_rad
-    sigma_rad = min(sigma_rad, _UNKNOWN_HEADING)
+    if last_seconds <= 0.0:
+        # As far off as one motion over all the time would be.
+        unknown = (seconds * (seconds + 2.0 * unseen_seconds)) ** 0.5
+        sigma_m = noise.unknown_speed * unknown + noise.floor_m
+        sigma_rad = min(noise.unknown_turn_rate * unknown + noise.floor_rad, _UNKNOWN_HEADING)
+        return UncertainPose2(Pose2(), np.diag([sigma_m**2, sigma_m**2, sigma_rad**2]))
+    scale = seconds / last_seconds
+    motion = Pose2(last_motion.x * scale, last_motion.y * scale, last_motion.theta * scale)
+    span = span_s2(last_seconds, seconds) + seconds * unseen_seconds
+    sigma_m = min(noise.acceleration * span, noise.unknown_speed * seconds) + noise.floor_m
+    sigma_rad = min(noise.angular_acceleration * span, noise.unknown_turn_rate * seconds)
+    sigma_rad = min(sigma_rad + noise.floor_rad, _UNKNOWN_HEADING)
     return UncertainPose2(motion, np.diag([sigma_m**2, sigma_m**2, sigma_rad**2]))
