@@ -247,6 +247,28 @@ def test_a_run_without_any_perception_stays_at_the_start(settings: FastSettings)
     np.testing.assert_allclose(errors(steps, [START] * 20), 0.0, atol=1e-12)
 
 
+def test_before_anything_is_seen_it_may_drive_as_fast_as_robots_do() -> None:
+    """As unsure after four seconds of nothing as one motion of four seconds: 5 m/s and more."""
+    steps, _ = followed(FastSettings(), [seen(k, START, np.zeros((0, 2))) for k in range(41)])
+    variances = sum(float(step.motion.covariance[0, 0]) for step in steps[1:])
+    assert variances**0.5 == pytest.approx(5.0 * 40 * SCAN_NS * 1e-9, rel=0.1)
+
+
+def test_the_longer_nothing_is_matched_the_less_a_motion_is_sure_until_something_is() -> None:
+    trees, poses = stand(), arc(30)
+    scans = [
+        seen(k, pose, trees, 12.0 if k < 15 or k > 24 else 0.5) for k, pose in enumerate(poses)
+    ]
+    assert [len(scan) for scan in scans[15:25]] == [0] * 10
+    steps, _ = followed(FastSettings(), scans)
+    sigmas = np.sqrt([step.motion.covariance[0, 0] for step in steps])
+    seconds = SCAN_NS * 1e-9
+    noise = MotionNoise()
+    expected = noise.floor_m + noise.acceleration * seconds**2 * np.arange(1, 12)
+    np.testing.assert_allclose(sigmas[15:26], expected, rtol=1e-6)
+    assert sigmas[26] == pytest.approx(sigmas[14])
+
+
 def test_one_landmark_tells_more_than_the_motion_alone() -> None:
     """BEST fuses the single match that the closed form cannot use."""
     tree = START.transform(np.array([[6.0, 2.0]]))
