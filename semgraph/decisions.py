@@ -19,6 +19,7 @@ class What(Enum):
     MOVING = "moving"
     GONE = "gone"
     LEFT_OUT = "left out"
+    HANDED_OVER = "handed over"
 
 
 MADE_ONE: Final = (What.LOOP_CLOSED, What.RESUMED, What.DUPLICATE)
@@ -49,6 +50,8 @@ class Decision:
         where = f"{self.what.value} at scan {self.scan}: {self.kind.label} {self.landmark}"
         if self.what is What.LEFT_OUT:
             return f"{where}, {self.why} sightings fit nothing"
+        if self.what is What.HANDED_OVER:
+            return f"{where}, {self.why} are of {self.other}"
         verb = "is not" if self.what is What.TAKEN_BACK else "is"
         other = f" {verb} {self.other}" if self.other >= 0 else ""
         odds = f", log odds {self.log_odds:.1f}" if np.isfinite(self.log_odds) else ""

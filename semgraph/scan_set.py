@@ -39,6 +39,11 @@ class ScanSet:
         elif scan not in self:
             self._scans.insert(bisect_left(self._scans, scan), scan)
 
+    def discard(self, scan: int) -> None:
+        """Not that one."""
+        if scan in self:
+            del self._scans[bisect_left(self._scans, scan)]
+
     def update(self, other: "ScanSet") -> None:
         """All of both."""
         self._scans = array("I", sorted({*self, *other}))

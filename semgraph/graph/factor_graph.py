@@ -1,6 +1,6 @@
 """The pose and landmark graph: what is added to it, made one and split."""
 
-from collections.abc import Iterable, Sequence, Set
+from collections.abc import Hashable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from semgraph.graph.factors import ROBUST_CHI2, Sighting, check_definite, check_
 from semgraph.graph.graph_covariances import GraphCovariances
 from semgraph.graph.graph_log import Sighted
 from semgraph.graph.graph_solver import JUMP_M, GraphEstimate, GraphSolver, Snapshot
-from semgraph.graph.strays import strays
+from semgraph.graph.strays import of_neighbours, strays
 from semgraph.graph.windows import NONE
 from semgraph.measurement_model import misfits2
 
@@ -254,6 +254,35 @@ class FactorGraph:
         """The same, with what is condensed as it is."""
         self._solver.optimize()
         self._covariances.forget()
+
+    def hand_over_to_neighbours(
+        self, groups: Mapping[int, Hashable], least_log_odds: float
+    ) -> list[tuple[int, int, Sighted]]:
+        """Sightings that a landmark beside theirs explains better become that one's.
+
+        It takes them in with the next update; `polish` is quicker.
+
+        Args:
+            groups: of each landmark that is asked about; one is only ever of another of its group.
+            least_log_odds: how much better.
+
+        Returns:
+            from which landmark to which, and what.
+        """
+        log = self._solver.log
+        owners = of_neighbours(log, self.estimate(), groups, least_log_odds)
+        rows = np.array(list(owners), dtype=np.int64)
+        moves = np.column_stack([log.landmarks[rows], np.array(list(owners.values()), dtype=int)])
+        handed: list[tuple[int, int, Sighted]] = []
+        for old, new in np.unique(moves, axis=0).tolist():
+            some = rows[(moves == (old, new)).all(axis=1)]
+            # From one pose a landmark is sighted once.
+            some = some[np.unique(log.poses[some], return_index=True)[1]]
+            some = some[~np.isin(log.poses[some], log.poses[log.rows(new)])]
+            if len(some):
+                handed.append((old, new, log.some(some)))
+                self._solver.hand_over(some, new)
+        return handed
 
     def leave_out_strays(self, landmarks: Set[int]) -> dict[int, Sighted]:
         """Takes out sightings of these landmarks that fit nothing, and moves to the optimum again.

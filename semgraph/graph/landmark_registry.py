@@ -1,7 +1,7 @@
 """Which tracks are which landmark: what was made one, and can be made two again."""
 
 import copy
-from collections.abc import Iterable, Set
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -44,7 +44,7 @@ class LandmarkRegistry:
         self._merges: dict[int, list[Merge]] = {}
         self._refused: set[frozenset[int]] = set()
         self._by_identity: dict[tuple[Kind, str], Track] = {}
-        self._num_tracks = 0
+        self._by_number: list[Track] = []
 
     def track(self, tracker_id: int, perceptions: Perceptions, row: int) -> Track:
         """The track that goes on; or a new one, of a landmark that may be new as well."""
@@ -57,8 +57,7 @@ class LandmarkRegistry:
 
     def _begin(self, perceptions: Perceptions, row: int) -> Track:
         kind, identity = Kind(perceptions.kinds[row]), str(perceptions.identities[row])
-        number = self._num_tracks
-        self._num_tracks += 1
+        number = len(self._by_number)
         named = self._by_identity.get((kind, identity)) if identity else None
         if named is None:
             track = Track(number, number, GraphLandmark(kind, identity), perceptions.stamp_ns)
@@ -67,6 +66,7 @@ class LandmarkRegistry:
             track.known.num_tracks += 1
         if identity:
             self._by_identity[(kind, identity)] = track
+        self._by_number.append(track)
         self._tracks.setdefault(track.landmark, []).append(track)
         return track
 
@@ -86,19 +86,24 @@ class LandmarkRegistry:
             if track.last_scan >= since_scan and not track.is_moving
         ]
 
-    def landmark_ids(self, tracker_ids: IntArray, left_out: Set[int] = frozenset()) -> IntArray:
-        """(n,) the landmark of each track (n,).
+    def landmark_ids(
+        self, tracker_ids: IntArray, instead: Mapping[int, int] | None = None
+    ) -> IntArray:
+        """(n,) the landmark of each track (n,); -1 stays -1, and of what was dropped it is -1.
 
-        -1 stays -1; of what was dropped, and of the tracks whose numbers are left out, it is -1.
+        Args:
+            tracker_ids: (n,) of a scan.
+            instead: by the number of a track, that of the one whose landmark its sighting in this
+                scan was of; -1 for none.
         """
-        tracks = [self._by_tracker_id[k] if k >= 0 else None for k in tracker_ids.tolist()]
-        found = [
-            track.landmark
-            if track and track.landmark in self.landmarks and track.number not in left_out
-            else -1
-            for track in tracks
-        ]
-        return np.array(found, dtype=np.int64)
+        instead = instead or {}
+        found = np.full(len(tracker_ids), -1)
+        for row in np.flatnonzero(tracker_ids >= 0).tolist():
+            number = self._by_tracker_id[int(tracker_ids[row])].number
+            number = instead.get(number, number)
+            landmark = self._by_number[number].landmark if number >= 0 else -1
+            found[row] = landmark if landmark in self.landmarks else -1
+        return found
 
     def may_merge(self, closure: Closure) -> bool:
         """Whether it was not taken back before."""

@@ -23,6 +23,7 @@ from semgraph.graph.absence import Look, count_misses
 from semgraph.graph.existence import Tally
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.graph.factors import Sighting
+from semgraph.graph.graph_log import Sighted
 from semgraph.graph.growing import Ragged
 from semgraph.graph.keyframes import Keyframes
 from semgraph.graph.landmark_registry import LandmarkRegistry
@@ -57,6 +58,8 @@ class SmootherSettings(BaseModel):
 
 # Among fewer things nobody can tell whether the robot or the thing moves.
 _LEAST_TO_JUDGE: Final = 3
+# How often what a neighbour explains better is looked for at the end; nearly all is found at first.
+_HAND_OVERS: Final = 3
 
 
 class Smoother:
@@ -72,8 +75,8 @@ class Smoother:
         self._reliabilities = dict.fromkeys(Kind, (0, 0.0))
         self._stamps_ns = array("q")
         self._tracker_ids = Ragged()
-        # By scan the numbers of tracks whose sightings were of something else.
-        self._left_out: dict[int, set[int]] = {}
+        # By scan, of tracks whose sightings were of something else: of which track's landmark.
+        self._instead: dict[int, dict[int, int]] = {}
         self._last_fast: Pose2 | None = None
         self._guess = map_T_start
         self._decided = DecisionLog()
@@ -140,16 +143,43 @@ class Smoother:
         ]
         if self._merging.take_back(merged):
             self._graph.polish()
-        note("settling, sightings that fit nothing left out")
+        note("settling, sightings that fit something else or nothing")
+        for _ in range(_HAND_OVERS):
+            changed = self._hand_over()
+            if not changed:
+                break
+            self._graph.polish()
+            self._merging.merge_duplicates(changed, note)
         self._leave_out_strays()
+
+    def _hand_over(self) -> set[int]:
+        """The landmarks that gained or lost sightings which a neighbour explains better."""
+        landmarks = self._registry.landmarks
+        kinds = {k: known.kind for k, known in landmarks.items() if not known.identity}
+        log_odds = float(np.log(self._settings.duplicate_odds))
+        changed = set[int]()
+        for old, new, sighted in self._graph.hand_over_to_neighbours(kinds, log_odds):
+            self._take_instead(sighted, self._registry.tracks(new)[0].number)
+            for scan in self._keyframes.scans_of(sighted.poses).tolist():
+                landmarks[old].scans.discard(scan)
+                landmarks[new].scans.add(scan)
+            count = len(sighted) + self._graph.num_sightings(old)
+            why = f"{len(sighted)} of {count} sightings"
+            self._decided.add(What.HANDED_OVER, kinds[old], old, new, why=why)
+            changed |= {old, new}
+        return changed
+
+    def _take_instead(self, sighted: Sighted, number: int) -> None:
+        """These are sightings of the landmark of the track of that number, -1 for none."""
+        scans = self._keyframes.scans_of(sighted.poses).tolist()
+        for scan, track in zip(scans, sighted.tracks.tolist(), strict=True):
+            self._instead.setdefault(scan, {})[track] = number
 
     def _leave_out_strays(self) -> None:
         """An identity says more than where something is seen: what has one keeps its sightings."""
         nameless = {k for k, known in self._registry.landmarks.items() if not known.identity}
         for landmark, strays in self._graph.leave_out_strays(nameless).items():
-            scans = self._keyframes.scans_of(strays.poses).tolist()
-            for scan, track in zip(scans, strays.tracks.tolist(), strict=True):
-                self._left_out.setdefault(scan, set()).add(track)
+            self._take_instead(strays, -1)
             count = len(strays) + self._graph.num_sightings(landmark)
             kind, why = self._registry.landmarks[landmark].kind, f"{len(strays)} of {count}"
             self._decided.add(What.LEFT_OUT, kind, landmark, why=why)
@@ -177,7 +207,7 @@ class Smoother:
         What was taken out since it moves is none, nor is a sighting that fitted nothing.
         """
         return {
-            stamp_ns: self._registry.landmark_ids(ids, self._left_out.get(scan, frozenset()))
+            stamp_ns: self._registry.landmark_ids(ids, self._instead.get(scan))
             for scan, (stamp_ns, ids) in enumerate(
                 zip(self._stamps_ns, self._tracker_ids, strict=True)
             )

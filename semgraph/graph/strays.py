@@ -1,16 +1,64 @@
-"""Sightings that fit nothing once all is known: they were of something else."""
+"""Sightings that fit something else, or nothing, once all is known."""
 
-from collections.abc import Set
+from collections.abc import Hashable, Mapping, Set
 from typing import Final
 
 import numpy as np
+from scipy.spatial import KDTree
 
-from semgraph.arrays import IntArray
+from semgraph.arrays import FloatArray, IntArray
 from semgraph.graph.graph_log import NOWHERE, GraphLog
 from semgraph.graph.graph_solver import GraphEstimate
 from semgraph.measurement_model import CHI2_2DOF_999, misfits2
 
 _LEAST_OF_A_TRACK: Final = 2
+_NEIGHBOURS_WITHIN_M: Final = 1.0
+
+
+def of_neighbours(
+    log: GraphLog,
+    estimate: GraphEstimate,
+    groups: Mapping[int, Hashable],
+    least_log_odds: float,
+) -> dict[int, int]:
+    """The rows of sightings that a landmark beside theirs explains so much better, and which.
+
+    Where it was not in sight from that pose as something else. A landmark that would lose half of
+    its sightings is in doubt itself, and keeps all of them.
+
+    Args:
+        log: of the graph.
+        estimate: where all is.
+        groups: of each landmark that is asked about; one is only ever of another of its group.
+        least_log_odds: how much better.
+    """
+    names = list(groups)
+    if len(names) < 2:
+        return {}
+    tree = KDTree(np.array([estimate.map_t_landmarks[name] for name in names]))
+    close = tree.query_pairs(_NEIGHBOURS_WITHIN_M, output_type="ndarray")
+    found: dict[int, tuple[float, int]] = {}
+    for one, other in np.concatenate([close, close[:, ::-1]]).tolist():
+        theirs, instead = names[one], names[other]
+        if groups[theirs] != groups[instead]:
+            continue
+        rows = log.rows(theirs)
+        now, then = (_misfits(log, estimate, rows, each) for each in (theirs, instead))
+        is_free = ~np.isin(log.poses[rows], log.poses[log.rows(instead)])
+        is_better = (now - then > 2.0 * least_log_odds) & (then <= CHI2_2DOF_999) & is_free
+        if 2 * np.count_nonzero(is_better) < len(rows):
+            for row, misfit2 in zip(
+                rows[is_better].tolist(), then[is_better].tolist(), strict=True
+            ):
+                found[row] = min(found.get(row, (np.inf, 0)), (misfit2, instead))
+    return {row: instead for row, (_, instead) in found.items()}
+
+
+def _misfits(log: GraphLog, estimate: GraphEstimate, rows: IntArray, landmark: int) -> FloatArray:
+    """(k,) chi-squares of sightings, if they were of that landmark."""
+    places = np.tile(estimate.map_t_landmarks[landmark], (len(rows), 1))
+    poses = estimate.map_T_bases[log.poses[rows]]
+    return misfits2(poses, places, log.polar[rows], log.covariances(rows))
 
 
 def strays(log: GraphLog, estimate: GraphEstimate, landmarks: Set[int]) -> IntArray:

@@ -1,0 +1,82 @@
+"""Sightings that were taken for a neighbour's come to their own landmark in the end."""
+
+import numpy as np
+import pytest
+
+from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.graph.factor_graph import FactorGraph
+from semgraph.graph.factors import Sighting
+from semgraph.measurement_model import predict
+from tests.semgraph.drives import START, polished
+
+NOISE = np.diag([0.03, 0.004]) ** 2
+STEP = UncertainPose2(Pose2(1.0, 0.0, 0.0), np.diag([0.02, 0.02, 0.01]) ** 2)
+# 1 and 2 stand 0.4 m apart.
+TREES = {0: (3.0, 4.0), 1: (6.0, -3.0), 2: (6.3, -3.27), 3: (9.0, 4.0)}
+GROUPS = dict.fromkeys(TREES, "tree")
+LOG_ODDS = float(np.log(100.0))
+
+
+def driven(wrong: dict[tuple[int, int], int], seed: int = 1) -> FactorGraph:
+    """Ten poses; `wrong` (pose, tree) is taken for another, and what is -1 is not sighted."""
+    rng = np.random.default_rng(seed)
+    graph = FactorGraph(START)
+    for k in range(1, 11):
+        pose = graph.add_pose(STEP, Pose2(float(k), 0.0, 0.0))
+        for tree, place in TREES.items():
+            name = wrong.get((k, tree), tree)
+            if name < 0:
+                continue
+            if name not in graph.landmarks():
+                graph.add_landmark(name, np.array(TREES[name]))
+            polar = predict(Pose2(float(k), 0.0, 0.0), np.array([place]))[0]
+            polar += rng.normal(size=2) * np.sqrt(np.diag(NOISE))
+            range_m, bearing = polar.tolist()
+            graph.add_sighting(Sighting(pose, name, range_m, bearing, NOISE, track=name))
+    graph.update()
+    return polished(graph)
+
+
+MIXED = {(4, 2): 1, (4, 1): -1, (7, 2): 1, (7, 1): -1}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_a_neighbour_explains_better_becomes_the_neighbours(seed: int) -> None:
+    graph = driven(MIXED, seed)
+    ((old, new, handed),) = graph.hand_over_to_neighbours(GROUPS, LOG_ODDS)
+    assert (old, new) == (1, 2)
+    assert set(handed.poses.tolist()) <= {4, 7}
+    assert set(handed.tracks.tolist()) == {1}
+    assert graph.num_sightings(1) + graph.num_sightings(2) == 18
+    polished(graph)
+    right = driven({(4, 1): -1, (7, 1): -1}, seed)
+    if len(handed) == 2:
+        np.testing.assert_allclose(graph.landmark(2), right.landmark(2), atol=1e-6)
+
+
+def test_what_is_right_stays_where_it_is() -> None:
+    assert driven({}).hand_over_to_neighbours(GROUPS, LOG_ODDS) == []
+
+
+@pytest.mark.parametrize(
+    ("wrong", "groups"),
+    [
+        # Landmark 2 was in sight from there as something else.
+        ({(4, 2): 1, (7, 2): 1, (4, 1): 2, (7, 1): 2}, GROUPS),
+        # Of another kind; not asked about; nothing asked about.
+        (MIXED, GROUPS | {2: "rock"}),
+        (MIXED, {0: "tree", 1: "tree", 3: "tree"}),
+        (MIXED, {}),
+    ],
+)
+def test_what_cannot_be_the_neighbours_stays(
+    wrong: dict[tuple[int, int], int], groups: dict[int, str]
+) -> None:
+    graph = driven(wrong)
+    assert graph.hand_over_to_neighbours(groups, LOG_ODDS) == []
+
+
+def test_a_landmark_keeps_its_sightings_where_half_of_them_would_go() -> None:
+    wrong = {(k, 2): 1 for k in range(1, 8)} | {(k, 1): -1 for k in range(1, 8)}
+    graph = driven(wrong)
+    assert all(len(handed) < 5 for _, _, handed in graph.hand_over_to_neighbours(GROUPS, LOG_ODDS))
