@@ -17,6 +17,8 @@ from semgraph.graph.factors import to_gtsam, whitened
 
 # A variable that is farther from where it was linearized, in m or rad, is linearized again.
 _MOVED: Final = 0.1
+# So far off, what iSAM2 does not find from its root is looked for.
+_LOST: Final = 0.5
 _INDEX: Final = (1 << 56) - 1
 _FAILURES: Final = (RuntimeError, ValueError, IndexError)
 
@@ -162,8 +164,8 @@ class Incremental:
     def linearize_again(self, times: int) -> None:
         """So many steps more at most, with nothing new: until nothing moves far.
 
-        iSAM2 looks from the root on for what moved, and not beyond what did not: what moved most is
-        brought to the root where it finds nothing.
+        iSAM2 looks from the root on for what moved, and not beyond what did not: where it finds
+        nothing, what moved most is brought to the root if that is far.
 
         Raises:
             UpdateError: with the reason in a line.
@@ -189,14 +191,11 @@ class Incremental:
         return int(result.getVariablesRelinearized())
 
     def _most_moved(self) -> int | None:
-        """The key of the pose that is farthest from where it was linearized, None for no far one.
-
-        A pose that turned moved as far as its landmarks did.
-        """
+        """The key of the pose that is farthest from where it was linearized, None for no far one."""
         then, now = _read(self._isam.getLinearizationPoint()), self.values()
         off = np.abs(relative_poses(then.map_T_bases, now.map_T_bases))
         row = int(off.max(axis=1).argmax())
-        return int(X(then.poses[row])) if off[row].max() > _MOVED else None
+        return int(X(then.poses[row])) if off[row].max() > _LOST else None
 
     def has_pose(self, pose: int) -> bool:
         """As of the last update."""
