@@ -191,7 +191,7 @@ class Incremental:
         return int(result.getVariablesRelinearized())
 
     def _most_moved(self) -> int | None:
-        """The key of the pose that is farthest from where it was linearized, None for no far one."""
+        """The key of the pose farthest from where it was linearized, None for no far one."""
         then, now = _read(self._isam.getLinearizationPoint()), self.values()
         off = np.abs(relative_poses(then.map_T_bases, now.map_T_bases))
         row = int(off.max(axis=1).argmax())
