@@ -53,6 +53,11 @@ class FactorGraph:
         return self._solver.isam.is_updated and not self._solver.windows.changed
 
     @property
+    def is_long(self) -> bool:
+        """Whether what takes time as long as the run takes too much of it."""
+        return self._solver.is_long
+
+    @property
     def incidents(self) -> Sequence[str]:
         """What went wrong in updates and how it was mended, one line each."""
         return tuple(self._solver.incidents)

@@ -128,6 +128,11 @@ class GraphSolver:
         """The newest pose."""
         return self.log.num_poses - 1
 
+    @property
+    def is_long(self) -> bool:
+        """Whether what takes time as long as the run takes too much of it."""
+        return len(self.windows) >= _LONG_WINDOWS
+
     def add_pose(self, motion: UncertainPose2, guess: Pose2) -> int:
         """Its number."""
         index = self.log.add_motion(motion)
@@ -177,35 +182,33 @@ class GraphSolver:
             self.isam.remove(self.slots.sightings, row)
             self.add_sighting(row, self.log.sighting(row))
 
-    def update(self, *, relinearize: bool = False) -> bool:
+    def update(self, *, relinearize: bool = False) -> None:
         """Takes in all that was added since the last update.
 
         Args:
             relinearize: force it, after something old was seen again.
 
-        Returns:
-            whether something was linearized again, or all.
-
         A failure is named in `incidents`, and the graph rebuilt from its own log.
         """
-        last = self.last
-        before, has_moved = self._poses.rows[last].copy(), True
+        before = self._poses.rows[self.last].copy()
         try:
             if not relinearize:
                 self._condense_next()
             self.add_windows()
-            has_moved = self.isam.update(self._front(), relinearize=relinearize) > 0
+            self.isam.update(self._front(), relinearize=relinearize)
             self._let_go()
-            self._is_current = False
-            self._are_current.clear()
-            self._poses.rows[last] = self.isam.pose(last).as_array()
+            self._moved_on(before)
         except UpdateError as error:
             self._mend(error)
-        else:
-            if np.hypot(*(self._poses.rows[last] - before)[:2]) > JUMP_M:
-                self._read_all()
         self._settled()
-        return has_moved
+
+    def _moved_on(self, before: FloatArray) -> None:
+        """Nothing that was read is current; all is read where the last pose (3,) has jumped."""
+        self._is_current = False
+        self._are_current.clear()
+        self._poses.rows[self.last] = self.isam.pose(self.last).as_array()
+        if np.hypot(*(self._poses.rows[self.last] - before)[:2]) > JUMP_M:
+            self._read_all()
 
     def _mend(self, error: UpdateError) -> None:
         """The graph from its own log; what failed several times would go on to fail."""
@@ -219,9 +222,12 @@ class GraphSolver:
     def settle(self) -> None:
         """Linearizes again until little moves: what one update after a great change leaves open."""
         self.update(relinearize=True)
+        before = self._poses.rows[self.last].copy()
         try:
-            self.isam.linearize_again(_SETTLING)
-            self._read_all()
+            self.isam.linearize_again(_SETTLING, everywhere=not self.is_long)
+            self._moved_on(before)
+            if not self.is_long:
+                self._read_all()
         except UpdateError as error:
             self._mend(error)
 
@@ -344,7 +350,8 @@ class GraphSolver:
             self._add_all()
             try:
                 self.isam.update()
-                self.isam.linearize_again(0 if self._is_current else _SETTLING)
+                steps = 0 if self._is_current else _SETTLING
+                self.isam.linearize_again(steps, everywhere=not self.is_long)
                 self._last_updated = self.last
                 self._read_all()
             except UpdateError as error:
@@ -367,7 +374,7 @@ class GraphSolver:
         The next sightings are of that. Left to itself iSAM2 keeps only what was just sighted at the
         root; the rest of a long run's surroundings is deep down, on long paths.
         """
-        if len(self.windows) < _LONG_WINDOWS:
+        if not self.is_long:
             return None
         here = self._poses.rows[self.last, :2].copy()
         is_new = bool(np.hypot(*(here - self._front_at)) > 0.5 * _FRONT_M)
@@ -420,7 +427,7 @@ class GraphSolver:
             return
         firm, self.firm = self.firm, []
         self.isam.forget_waiting()
-        self.isam.linearize_again(_SETTLING)
+        self.isam.linearize_again(_SETTLING, everywhere=not self.is_long)
         for row in firm:
             self.isam.remove(self.slots.sightings, row)
             self.add_sighting(row, self.log.sighting(row))

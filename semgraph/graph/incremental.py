@@ -161,11 +161,15 @@ class Incremental:
             groups.insert2(X(pose), 2)
         return groups, pulled
 
-    def linearize_again(self, times: int) -> None:
+    def linearize_again(self, times: int, *, everywhere: bool) -> None:
         """So many steps more at most, with nothing new: until nothing moves far.
 
-        iSAM2 looks from the root on for what moved, and not beyond what did not: where it finds
-        nothing, what moved most is brought to the root if that is far.
+        iSAM2 looks from the root on for what moved, and not beyond what did not.
+
+        Args:
+            times: how many.
+            everywhere: where it finds nothing, what moved most is brought to the root if that is
+                far; to find it takes time as long as the run.
 
         Raises:
             UpdateError: with the reason in a line.
@@ -173,7 +177,7 @@ class Incremental:
         for _ in range(times):
             if self._step(gtsam.KeyGroupMap(), gtsam.KeyList()):
                 continue
-            moved = self._most_moved()
+            moved = self._most_moved() if everywhere else None
             if moved is None:
                 return
             groups, pulled = gtsam.KeyGroupMap(), gtsam.KeyList()

@@ -105,7 +105,7 @@ class Merging:
         )
         most = 0.5 * CHI2_2DOF_999 * len(merged) + _COST_A_SIGHTING * sightings
         rise = graph.cost() - before.cost
-        if rise > most:
+        if rise > most and not graph.is_long:
             graph.optimize()
             rise = graph.cost() - before.cost
         if rise <= most:
