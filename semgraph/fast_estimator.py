@@ -89,7 +89,7 @@ class FastEstimator:
         self._last_motion = Pose2()
         self._driven_m = 0.0
         self._last_seconds = 0.0
-        # For how long no movement was perceived.
+        # For how long nothing was matched, so that nothing showed how the robot moved.
         self._unseen_seconds = 0.0
         self._was_perceived = False
         self._last_stamp_ns: int | None = None
@@ -128,7 +128,12 @@ class FastEstimator:
         )
         landmark_ids = self._update_map(perceptions, map_T_base, near, estimate.matches)
         is_perceived = isinstance(estimate.closed_form, Alignment)
-        self._remember(perceptions.stamp_ns, map_T_base, is_perceived=is_perceived)
+        self._remember(
+            perceptions.stamp_ns,
+            map_T_base,
+            is_seen=len(estimate.matches) > 0,
+            is_perceived=is_perceived,
+        )
         return FastStep(
             perceptions.stamp_ns, map_T_base, motion, estimate.closed_form, landmark_ids
         )
@@ -317,7 +322,10 @@ class FastEstimator:
         """The distance driven before which landmarks are forgotten."""
         return self._driven_m - self._settings.memory_m
 
-    def _remember(self, stamp_ns: int, map_T_base: UncertainPose2, *, is_perceived: bool) -> None:
+    def _remember(
+        self, stamp_ns: int, map_T_base: UncertainPose2, *, is_seen: bool, is_perceived: bool
+    ) -> None:
+        """The movement to a pose; as seen if anything was matched, as perceived if enough was."""
         step = self._map_T_last.pose.between(map_T_base.pose)
         self._driven_m += float(np.hypot(step.x, step.y))
         if self._last_stamp_ns is not None:
@@ -325,8 +333,8 @@ class FastEstimator:
             if is_perceived and self._was_perceived and self._last_seconds > 0.0:
                 expected = self._propose(stamp_ns, None, self._motion_noise).pose
                 self._habit.note(expected, step, span_s2(self._last_seconds, seconds))
-            self._unseen_seconds = 0.0 if is_perceived else self._unseen_seconds + seconds
-            if is_perceived or self._last_seconds > 0.0:
+            self._unseen_seconds = 0.0 if is_seen else self._unseen_seconds + seconds
+            if is_seen or self._last_seconds > 0.0:
                 self._last_motion, self._last_seconds = step, seconds
         self._was_perceived = is_perceived
         self._map_T_last = map_T_base
