@@ -89,8 +89,9 @@ class FastEstimator:
         self._last_motion = Pose2()
         self._driven_m = 0.0
         self._last_seconds = 0.0
-        # For how long nothing was matched, so that nothing showed how the robot moved.
+        # For how long no movement between two scans that knew landmarks was solved for.
         self._unseen_seconds = 0.0
+        self._knew_landmarks = False
         self._was_perceived = False
         self._last_stamp_ns: int | None = None
 
@@ -104,6 +105,7 @@ class FastEstimator:
         self._map_T_last = map_T_base
         self._last_motion, self._last_seconds, self._unseen_seconds = Pose2(), 0.0, 0.0
         self._last_stamp_ns, self._was_perceived = stamp_ns, False
+        self._knew_landmarks = False
 
     def step(self, perceptions: Perceptions, odometry: UncertainPose2 | None) -> FastStep:
         """The pose at these perceptions, after which they are in the map.
@@ -134,6 +136,7 @@ class FastEstimator:
             is_seen=len(estimate.matches) > 0,
             is_perceived=is_perceived,
         )
+        self._knew_landmarks = bool((landmark_ids >= 0).any())
         return FastStep(
             perceptions.stamp_ns, map_T_base, motion, estimate.closed_form, landmark_ids
         )
@@ -333,8 +336,10 @@ class FastEstimator:
             if is_perceived and self._was_perceived and self._last_seconds > 0.0:
                 expected = self._propose(stamp_ns, None, self._motion_noise).pose
                 self._habit.note(expected, step, span_s2(self._last_seconds, seconds))
-            self._unseen_seconds = 0.0 if is_seen else self._unseen_seconds + seconds
-            if is_seen or self._last_seconds > 0.0:
+            is_movement = is_perceived and self._knew_landmarks
+            self._unseen_seconds = 0.0 if is_movement else self._unseen_seconds + seconds
+            # What is matched first after a blind stretch takes back the drift, and is no speed.
+            if self._knew_landmarks and (is_seen or self._last_seconds > 0.0):
                 self._last_motion, self._last_seconds = step, seconds
         self._was_perceived = is_perceived
         self._map_T_last = map_T_base

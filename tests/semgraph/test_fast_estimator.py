@@ -254,7 +254,8 @@ def test_before_anything_is_seen_it_may_drive_as_fast_as_robots_do() -> None:
     assert variances**0.5 == pytest.approx(5.0 * 40 * SCAN_NS * 1e-9, rel=0.1)
 
 
-def test_the_longer_nothing_is_matched_the_less_a_motion_is_sure_until_something_is() -> None:
+def test_the_longer_nothing_is_matched_the_less_a_motion_is_sure() -> None:
+    """Until two scans after each other show one: the first alone takes back the drift."""
     trees, poses = stand(), arc(30)
     scans = [
         seen(k, pose, trees, 12.0 if k < 15 or k > 24 else 0.5) for k, pose in enumerate(poses)
@@ -264,9 +265,24 @@ def test_the_longer_nothing_is_matched_the_less_a_motion_is_sure_until_something
     sigmas = np.sqrt([step.motion.covariance[0, 0] for step in steps])
     seconds = SCAN_NS * 1e-9
     noise = MotionNoise()
-    expected = noise.floor_m + noise.acceleration * seconds**2 * np.arange(1, 12)
-    np.testing.assert_allclose(sigmas[15:26], expected, rtol=1e-6)
-    assert sigmas[26] == pytest.approx(sigmas[14])
+    expected = noise.floor_m + noise.acceleration * seconds**2 * np.arange(1, 13)
+    np.testing.assert_allclose(sigmas[15:27], expected, rtol=1e-6)
+    assert sigmas[27] == pytest.approx(sigmas[14])
+
+
+def test_the_drift_that_the_first_match_takes_back_is_no_speed() -> None:
+    """Unseen it drives 5 cm farther each tenth of a second than before and after."""
+    trees, poses = stand(), arc(16)
+    step = poses[0].between(poses[1])
+    unseen = Pose2(step.x + 0.05, step.y, step.theta)
+    for k in range(16, 34):
+        poses.append(poses[-1] @ (unseen if k < 26 else step))
+    scans = [seen(k, pose, trees, 0.5 if 16 <= k < 26 else 12.0) for k, pose in enumerate(poses)]
+    steps, _ = followed(FastSettings(), scans)
+    assert np.hypot(*errors(steps, poses)[25, :2]) > 0.4
+    assert np.abs(errors(steps, poses)[26:, :2]).max() < 0.02
+    speeds = np.array([each.motion.pose.x for each in steps[27:]])
+    np.testing.assert_allclose(speeds, step.x, atol=0.02)
 
 
 def test_one_landmark_tells_more_than_the_motion_alone() -> None:
