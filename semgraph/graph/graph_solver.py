@@ -226,7 +226,7 @@ class GraphSolver:
         try:
             self.isam.linearize_again(_SETTLING, everywhere=not self.is_long)
             self._moved_on(before)
-            if not self.is_long:
+            if not (self.is_long or self._is_current):
                 self._read_all()
         except UpdateError as error:
             self._mend(error)

@@ -126,15 +126,12 @@ class Incremental:
         """A variable more."""
         self._values.insert(j=L(landmark), point2=guess)
 
-    def update(self, front: Front | None = None, *, relinearize: bool = False) -> int:
+    def update(self, front: Front | None = None, *, relinearize: bool = False) -> None:
         """Takes in what waits, which waits on until `forget_waiting`.
 
         Args:
             front: what stays at the root of the Bayes tree; None for what has new factors.
             relinearize: force it.
-
-        Returns:
-            how many variables were linearized again.
 
         Raises:
             UpdateError: with the reason in a line.
@@ -148,7 +145,6 @@ class Incremental:
             raise UpdateError(_first_line(error)) from error
         for (slots, number), slot in zip(self._owners, result.getNewFactorsIndices(), strict=True):
             slots[number] = int(slot)
-        return int(result.getVariablesRelinearized())
 
     def _to_the_root(self, front: Front) -> tuple[gtsam.KeyGroupMap, gtsam.KeyList]:
         """Groups that are eliminated last, the last pose's the very last; and what else goes up."""

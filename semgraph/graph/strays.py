@@ -43,7 +43,10 @@ def of_neighbours(
         if groups[theirs] != groups[instead]:
             continue
         rows = log.rows(theirs)
-        now, then = (_misfits(log, estimate, rows, each) for each in (theirs, instead))
+        now, then = (
+            _misfits(log, estimate, rows, np.tile(estimate.map_t_landmarks[each], (len(rows), 1)))
+            for each in (theirs, instead)
+        )
         is_free = ~np.isin(log.poses[rows], log.poses[log.rows(instead)])
         is_better = (now - then > 2.0 * least_log_odds) & (then <= CHI2_2DOF_999) & is_free
         if 2 * np.count_nonzero(is_better) < len(rows):
@@ -54,9 +57,10 @@ def of_neighbours(
     return {row: instead for row, (_, instead) in found.items()}
 
 
-def _misfits(log: GraphLog, estimate: GraphEstimate, rows: IntArray, landmark: int) -> FloatArray:
-    """(k,) chi-squares of sightings, if they were of that landmark."""
-    places = np.tile(estimate.map_t_landmarks[landmark], (len(rows), 1))
+def _misfits(
+    log: GraphLog, estimate: GraphEstimate, rows: IntArray, places: FloatArray
+) -> FloatArray:
+    """(k,) chi-squares of sightings, if what was sighted is there (k, 2)."""
     poses = estimate.map_T_bases[log.poses[rows]]
     return misfits2(poses, places, log.polar[rows], log.covariances(rows))
 
@@ -73,10 +77,7 @@ def strays(log: GraphLog, estimate: GraphEstimate, landmarks: Set[int]) -> IntAr
     if not len(names):
         return rows
     places = np.array([estimate.map_t_landmarks[name] for name in names.tolist()])
-    poses = estimate.map_T_bases[log.poses[rows]]
-    is_off = (
-        misfits2(poses, places[numbers], log.polar[rows], log.covariances(rows)) > CHI2_2DOF_999
-    )
+    is_off = _misfits(log, estimate, rows, places[numbers]) > CHI2_2DOF_999
     share_off = np.bincount(numbers, is_off) / np.bincount(numbers)
     tracks = np.unique(log.tracks[rows], return_inverse=True)[1]
     is_no_chance = np.bincount(tracks, is_off)[tracks] >= _LEAST_OF_A_TRACK
