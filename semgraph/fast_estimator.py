@@ -267,25 +267,43 @@ class FastEstimator:
             covariances[rows],
             self._driven_m,
         )
-        new = np.flatnonzero(self._is_new(perceptions, positions, landmark_ids))
+        new = np.flatnonzero(self._is_new(perceptions, positions, covariances, landmark_ids))
         landmark_ids[new] = self._map.insert(
             perceptions.select(new), positions[new], covariances[new], self._driven_m
         )
         return landmark_ids
 
     def _is_new(
-        self, perceptions: Perceptions, positions: FloatArray, landmark_ids: IntArray
+        self,
+        perceptions: Perceptions,
+        positions: FloatArray,
+        covariances: FloatArray,
+        landmark_ids: IntArray,
     ) -> BoolArray:
-        """Unmatched, and nothing of its kind within the radius; an identity is new by itself."""
+        """Unmatched, and nothing around that it may be; an identity is new by itself."""
         settings = self._settings
         radius_m = settings.search_radius_m if self._is_paper else settings.insert_radius_m
         is_new = landmark_ids < 0
         for k in np.flatnonzero(is_new & (perceptions.identities == "")):
-            neighbours = self._map.kinds(
-                self._map.near(positions[k], radius_m, self.remembered_since_m)
+            around = self._map.near(positions[k], radius_m, self.remembered_since_m)
+            around = around[self._map.kinds(around) == perceptions.kinds[k]]
+            is_new[k] = not len(around) or (
+                not self._is_paper
+                and bool(np.isin(around, landmark_ids).all())
+                and self._is_apart(positions[k], covariances[k], perceptions.diameters_m[k], around)
             )
-            is_new[k] = not (neighbours == perceptions.kinds[k]).any()
         return is_new
+
+    def _is_apart(
+        self, position: FloatArray, covariance: FloatArray, diameter_m: float, others: IntArray
+    ) -> bool:
+        """Whether what is here is beside each of these, neither one of them nor a part of it."""
+        offsets = self._map.positions(others) - position
+        covariances = covariance + self._map.covariances(others) + self._map_covariance
+        diameters_m, _ = self._map.diameters(others)
+        touching_m = 0.5 * np.nan_to_num(diameter_m + diameters_m)
+        is_beside = np.hypot(offsets[:, 0], offsets[:, 1]) > touching_m
+        return bool((is_beside & (mahalanobis2(offsets, covariances) > CHI2_2DOF_999)).all())
 
     def _is_lost(self, motion: UncertainPose2) -> bool:
         """Whether the motion is so unsure that what is within the radius is so by chance."""

@@ -333,6 +333,34 @@ def test_a_trunk_that_is_thicker_from_the_other_side_is_the_same() -> None:
     assert apart[apart > 0.0].min() > 1.0
 
 
+def with_diameters(scan: Perceptions, diameter_m: float) -> Perceptions:
+    count = len(scan)
+    return replace(
+        scan, diameters_m=np.full(count, diameter_m), diameter_sigmas_m=np.full(count, 0.01)
+    )
+
+
+@pytest.mark.parametrize(("diameter_m", "num_more"), [(0.05, 1), (0.5, 0)])
+def test_what_shows_beside_a_matched_trunk_is_another_one_if_it_has_room(
+    diameter_m: float, num_more: int
+) -> None:
+    """Hidden in the first scans, and nearer than the insert radius; not what lies inside it."""
+    poses, trees = arc(40), stand()
+    twin = trees[np.argmin(np.hypot(*(trees - START.as_array()[:2]).T))] + (0.3, 0.0)
+    both = np.concatenate([trees, [twin]])
+    scans = [seen(k, pose, trees if k < 5 else both) for k, pose in enumerate(poses)]
+    scans = [with_diameters(scan, diameter_m) for scan in scans]
+    _, alone = followed(BEST, [seen(k, pose, trees) for k, pose in enumerate(poses)])
+    _, estimator = followed(BEST, scans, exact_wheels(poses))
+    assert len(list(estimator.navigation_map)) == len(list(alone.navigation_map)) + num_more
+    near = [
+        landmark.map_t_landmark
+        for landmark in estimator.navigation_map
+        if np.hypot(*(landmark.map_t_landmark - twin)) < 0.4
+    ]
+    assert len(near) == 1 + num_more
+
+
 def test_memory_forgets_what_was_not_sighted_for_its_distance() -> None:
     """A full turn of 75 m: with a memory of 30 m the first trees are new ones the second time."""
     poses, trees = arc(340), stand()
