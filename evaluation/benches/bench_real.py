@@ -5,6 +5,8 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from evaluation.benches.bench import Section
 from evaluation.benches.bench_replay import SOURCE as GRAPH
 from evaluation.benches.bench_replay import replay
@@ -76,19 +78,24 @@ def _graph(seeds: Sequence[int]) -> list[Row]:  # noqa: ARG001
     name = "path to the optimum with known identities, RMSE"
     return [
         Row(name, difference_m, "m", Better.LOWER, 0.10),
-        Row("landmarks, at least", num_landmarks, "", Better.HIGHER, low),
-        Row("landmarks, at most", num_landmarks, "", Better.LOWER, high),
+        Row("landmarks, tentative ones too, at least", num_landmarks, "", Better.HIGHER, low),
+        Row("landmarks, tentative ones too, at most", num_landmarks, "", Better.LOWER, high),
     ]
 
 
 def _beside_the_known(name: str) -> tuple[float, int]:
-    """How far a run without identities lies from the optimum with them, and its landmarks."""
+    """How far a run without identities lies from the optimum with them, and its landmarks.
+
+    Of the published 151, too, 28 are sighted once.
+    """
     known = open_source(name, {"identities": True}).recording
     plain = plain_loop(every_pose(known), known.map_T_start)
     graph = KnownGraph(every_scan(known), known.map_T_start)
     optimum = graph.optimum(plain, replay(known, Settings()).solution)
     result = run_source(open_source(name, {}))
-    return trajectory_difference(result.smoothed, optimum.trajectory), len(result.landmarks)
+    sighted = np.unique(np.concatenate(list(result.associations.values())))
+    difference_m = trajectory_difference(result.smoothed, optimum.trajectory)
+    return difference_m, int(np.count_nonzero(sighted >= 0))
 
 
 def _mrclam(data: Path, seeds: Sequence[int]) -> list[Row]:  # noqa: ARG001
