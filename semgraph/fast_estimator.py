@@ -15,12 +15,20 @@ from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions
 from semgraph.matching import Assignment, LocalMap, Matches, SweepRule, local_map, match
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
-from semgraph.motion_model import MotionHabit, MotionNoise, constant_motion, span_s2
+from semgraph.motion_model import (
+    MotionHabit,
+    MotionNoise,
+    constant_motion,
+    corrected,
+    span_s2,
+)
 from semgraph.navigation_map import Averaging, NavigationMap
 
 _MOST_TURNS: Final = 200
 # With sigmas beyond so many search radii the radius says nothing.
 _LOST_RADII: Final = 2.0
+# The share of a wandering velocity's variance that one place after it leaves.
+_LEFT_BY_ONE_PLACE: Final = 0.25
 # Of what is remembered, this much is looked at: all, then ever less.
 _FRESHER: Final = np.array([1.0, 0.5, 0.25])
 _KNOWN_START: Final = np.diag([1e-6**2, 1e-6**2, 1e-6**2])
@@ -89,7 +97,7 @@ class FastEstimator:
         self._last_motion = Pose2()
         self._driven_m = 0.0
         self._last_seconds = 0.0
-        # For how long no movement between two scans that knew landmarks was solved for.
+        # For how long the velocity was free to change.
         self._unseen_seconds = 0.0
         self._knew_landmarks = False
         self._was_perceived = False
@@ -133,6 +141,7 @@ class FastEstimator:
         self._remember(
             perceptions.stamp_ns,
             map_T_base,
+            motion.pose,
             is_seen=len(estimate.matches) > 0,
             is_perceived=is_perceived,
         )
@@ -344,7 +353,13 @@ class FastEstimator:
         return self._driven_m - self._settings.memory_m
 
     def _remember(
-        self, stamp_ns: int, map_T_base: UncertainPose2, *, is_seen: bool, is_perceived: bool
+        self,
+        stamp_ns: int,
+        map_T_base: UncertainPose2,
+        expected: Pose2,
+        *,
+        is_seen: bool,
+        is_perceived: bool,
     ) -> None:
         """The movement to a pose; as seen if anything was matched, as perceived if enough was."""
         step = self._map_T_last.pose.between(map_T_base.pose)
@@ -352,13 +367,19 @@ class FastEstimator:
         if self._last_stamp_ns is not None:
             seconds = (stamp_ns - self._last_stamp_ns) * 1e-9
             if is_perceived and self._was_perceived and self._last_seconds > 0.0:
-                expected = self._propose(stamp_ns, None, self._motion_noise).pose
-                self._habit.note(expected, step, span_s2(self._last_seconds, seconds))
-            is_movement = is_perceived and self._knew_landmarks
-            self._unseen_seconds = 0.0 if is_movement else self._unseen_seconds + seconds
-            # What is matched first after a blind stretch takes back the drift, and is no speed.
-            if self._knew_landmarks and (is_seen or self._last_seconds > 0.0):
+                usual = self._propose(stamp_ns, None, self._motion_noise).pose
+                self._habit.note(usual, step, span_s2(self._last_seconds, seconds))
+            # Two places that were solved for tell the velocity.
+            is_movement = is_perceived and self._was_perceived
+            unseen_seconds = 0.0 if is_movement else self._unseen_seconds
+            if self._last_seconds > 0.0:
+                self._last_motion = corrected(expected, step, seconds, unseen_seconds)
+                self._last_seconds = seconds
+            elif self._knew_landmarks and is_seen:
                 self._last_motion, self._last_seconds = step, seconds
+            self._unseen_seconds = (
+                _LEFT_BY_ONE_PLACE * unseen_seconds if is_perceived else unseen_seconds + seconds
+            )
         self._was_perceived = is_perceived
         self._map_T_last = map_T_base
         self._last_stamp_ns = stamp_ns

@@ -143,3 +143,22 @@ def constant_motion(
     sigma_rad = min(noise.angular_acceleration * span, noise.unknown_turn_rate * seconds)
     sigma_rad = min(sigma_rad + noise.floor_rad, _UNKNOWN_HEADING)
     return UncertainPose2(motion, np.diag([sigma_m**2, sigma_m**2, sigma_rad**2]))
+
+
+def corrected(expected: Pose2, moved: Pose2, seconds: float, unseen_seconds: float = 0.0) -> Pose2:
+    """The movement that a place found now leaves for the next: where it is, and how fast.
+
+    What was unseen for T s and is found beside where it was expected did not get there in the
+    last step. Of a velocity that wanders, the best estimate takes 3 / (2 T) of the distance.
+
+    Args:
+        expected: last_T_current by the motion model.
+        moved: the same as it was found.
+        seconds: between the two.
+        unseen_seconds: before, for which nothing showed how the robot moved.
+
+    Source: the Kalman gain of a velocity that wanders, P_vx / P_xx = (T^2 / 2) / (T^3 / 3).
+    """
+    share = min(1.0, 1.5 * seconds / (unseen_seconds + seconds))
+    off = expected.between(moved)
+    return expected @ Pose2(share * off.x, share * off.y, share * off.theta)

@@ -2,12 +2,15 @@
 
 from array import array
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.geometry import Pose2, UncertainPose2
 
+# Errors of headings beyond this move what comes after on an arc, not along a line.
+_BENT_RAD: Final = 0.1
 _NOTHING = UncertainPose2(Pose2(), np.zeros((3, 3)))
 
 
@@ -29,6 +32,11 @@ class Keyframes:
 
     def __len__(self) -> int:
         return len(self._poses)
+
+    @property
+    def is_bent(self) -> bool:
+        """Whether the heading since the last pose is too unsure for motions to compose exactly."""
+        return bool(self.since_last.covariance[2, 2] > _BENT_RAD**2)
 
     def move(self, motion: UncertainPose2) -> None:
         """The robot goes on to the next scan."""

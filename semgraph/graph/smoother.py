@@ -116,7 +116,7 @@ class Smoother:
         standing = [
             (track, row) for track, row in zip(tracks, rows, strict=True) if not track.is_moving
         ]
-        if standing:
+        if standing or self._keyframes.is_bent:
             self._keyframes.add_pose(self._graph.add_pose(self._keyframes.since_last, self._guess))
         else:
             self._keyframes.add_between(self._graph.num_poses - 1)
