@@ -18,8 +18,9 @@ _NOTHING = UncertainPose2(Pose2(), np.zeros((3, 3)))
 class Keyframes:
     """Scans that sight something are poses of the graph; what the others add is motion alone.
 
-    Motions compose exactly, mean and covariance, so that leaving such scans out changes nothing
-    about the others (`tests/semgraph/test_keyframes.py`).
+    Motions compose, mean and covariance, so that leaving such scans out changes nothing about the
+    others (`tests/semgraph/graph/test_keyframes.py`), as long as headings are sure to a tenth of a
+    radian: beyond that a scan is a pose, whatever it sights.
 
     Attributes:
         since_last: last_T_current, from the last pose of the graph to the last scan.

@@ -15,6 +15,7 @@ from semgraph.motion_model import (
     MotionNoise,
     OdometryAccumulator,
     constant_motion,
+    corrected,
     odometry_covariance,
     span_s2,
 )
@@ -191,3 +192,19 @@ def test_a_habit_is_of_the_last_movements() -> None:
     for k in range(400):
         learned.note(Pose2(), Pose2(4.0 if k < 100 else 1.0, 0.0, 0.0), 4.0)
     assert learned.noise().acceleration == pytest.approx(2.0 * 0.25 / math.sqrt(2.0), rel=1e-3)
+
+
+def test_what_a_place_takes_back_after_a_stretch_was_mostly_driven_before() -> None:
+    """The gain of a Kalman filter with white acceleration over the stretch, to first order."""
+    expected, moved = Pose2(0.2, 0.0, 0.02), Pose2(0.2, 0.0, 0.02) @ Pose2(0.4, -0.2, 0.1)
+    assert corrected(expected, moved, 0.1).as_array() == pytest.approx(moved.as_array())
+    after = corrected(expected, moved, 0.1, 1.9).as_array()
+    seconds, steps = 0.1, 20
+    transition = np.array([[1.0, seconds], [0.0, 1.0]])
+    covariance = np.zeros((2, 2))
+    for _ in range(steps):
+        noise = np.array([[seconds**3 / 3.0, seconds**2 / 2.0], [seconds**2 / 2.0, seconds]])
+        covariance = transition @ covariance @ transition.T + noise
+    gain = covariance[1, 0] / covariance[0, 0] * seconds
+    off = expected.between(Pose2.from_array(after)).as_array()
+    assert off == pytest.approx(gain * np.array([0.4, -0.2, 0.1]), rel=1e-9)

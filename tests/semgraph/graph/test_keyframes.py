@@ -23,12 +23,12 @@ def whole(made: Drive) -> FactorGraph:
     return graph
 
 
-def thinned(made: Drive) -> tuple[FactorGraph, Keyframes]:
-    """Only scans that sight something are."""
+def thinned(made: Drive, *, bends: bool = False) -> tuple[FactorGraph, Keyframes]:
+    """Only scans that sight something are; with `bends` those before it is too unsure, too."""
     graph, keyframes = FactorGraph(made.start), Keyframes()
     for scan, (motion, guess) in enumerate(zip(made.motions, made.guesses, strict=True), start=1):
         keyframes.move(motion)
-        if scan in SIGHTING:
+        if scan in SIGHTING or (bends and keyframes.is_bent):
             pose = graph.add_pose(keyframes.since_last, guess)
             keyframes.add_pose(pose)
             sight(graph, made, scan, pose)
@@ -45,6 +45,18 @@ def calm(made: Drive) -> Drive:
     for motion in made.motions:
         error = 0.1 * true.between(motion.pose).as_array()
         motions.append(UncertainPose2(true @ Pose2.from_array(error), motion.covariance))
+    return replace(made, motions=motions)
+
+
+def unsteady(made: Drive, seed: int) -> Drive:
+    """The same with headings that err by 0.15 rad in each step, and say so."""
+    turns, more = np.random.default_rng(seed).normal(0.0, 0.15, len(made.motions)), 0.15**2
+    motions = [
+        UncertainPose2(
+            motion.pose @ Pose2(0.0, 0.0, turn), motion.covariance + np.diag([0.0, 0.0, more])
+        )
+        for motion, turn in zip(made.motions, turns.tolist(), strict=True)
+    ]
     return replace(made, motions=motions)
 
 
@@ -76,3 +88,24 @@ def test_all_scans_are_where_the_whole_graph_has_them(seed: int) -> None:
     np.testing.assert_allclose(
         (covariances - expected) / (scales[:, :, None] * scales[:, None, :]), 0.0, atol=0.02
     )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_where_headings_are_unsure_scans_between_stay_poses(seed: int) -> None:
+    """Composed as if along a line, what comes after is elsewhere."""
+    made = unsteady(drive(seed, num_poses=11), seed)
+    expected = whole(made).estimate().map_T_bases[1:]
+    off = []
+    for bends in (False, True):
+        graph, keyframes = thinned(made, bends=bends)
+        poses = keyframes.trajectory(graph.estimate().map_T_bases)
+        off.append(np.abs(poses - expected)[:, :2].max())
+    assert off[1] < 1e-3 < off[0]
+
+
+def test_wheels_are_sure_enough_to_compose() -> None:
+    keyframes, step = Keyframes(), UncertainPose2(Pose2(0.2, 0.0, 0.01), 1e-6 * np.eye(3))
+    for _ in range(1000):
+        keyframes.move(step)
+        keyframes.add_between(0)
+    assert not keyframes.is_bent
