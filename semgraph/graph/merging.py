@@ -79,16 +79,15 @@ class Merging:
 
         A closure that is far off moves much of the graph. What it moves that far must not cost
         more than the pairs were said to be apart, and what an outline may do to their sightings.
+        What is near moves little, and waits for the next update.
         """
         graph = self._graph
         is_far = any(graph.are_far_apart(each.recent, each.old) for each in closures)
         if is_far and before is None:
             before = graph.checkpoint()
         merged = self._merge(closures)
-        if not merged:
-            return
-        graph.update(relinearize=True)
-        if before is not None:
+        if merged and before is not None:
+            graph.update(relinearize=True)
             graph.settle()
             self._go_back_if_costly(merged, before)
 

@@ -379,11 +379,11 @@ class Smoother:
         self._drop_moving()
         in_sight = self._in_sight()
         recent = sorted({track.landmark for track in in_sight})
+        if self._merging.take_back(self._registry.due(recent, self._scan)):
+            self._graph.update(relinearize=True)
         if due := {track.landmark for track in in_sight if track.is_due}:
             self._merging.close_loops(recent, due)
             for track in in_sight:
                 track.tested = track.known.num_sightings
-        if self._merging.take_back(self._registry.due(recent, self._scan)):
-            self._graph.update(relinearize=True)
         last = self._graph.pose(self._graph.num_poses - 1)
         self._guess = last @ self._keyframes.since_last.pose
