@@ -57,7 +57,7 @@ class GraphCovariances:
             return self.of_landmarks_together(landmarks)
         windows = self._solver.windows.of_any((*around, *landmarks))
         try:
-            newest = self._last_piece()
+            newest = self._last_piece(landmarks)
         except GraphError as error:
             self._solver.incidents.append(f"covariance by the whole graph: {error}")
             return self.of_landmarks_together(landmarks)
@@ -174,16 +174,23 @@ class GraphCovariances:
             )[1:],
         )
 
-    def _last_piece(self) -> Piece:
-        """What is not condensed as yet, condensed for once."""
+    def _last_piece(self, asked: Sequence[int]) -> Piece:
+        """What is not condensed as yet, condensed for once.
+
+        What was sighted once and is not asked about holds nothing: in clutter that is most.
+        """
         last = self._solver.last
         first = last
         while first > 0 and self._solver.windows.of_motion(first) == NONE:
             first -= 1
-        rows = self._solver.log.rows_of_poses(first + 1, last)
+        log, kept = self._solver.log, set(asked)
+        rows = log.rows_of_poses(first + 1, last)
+        names, things = np.unique(log.landmarks[rows], return_inverse=True)
+        holds = [name in kept or len(log.rows(name)) > 1 for name in names.tolist()]
+        rows = rows[np.array(holds, dtype=bool)[things]]
         poses = np.array([self._solver.pose(k).as_array() for k in range(first, last + 1)])
-        names, condensed = self._solver.condense(first, last, rows)
-        landmarks = tuple(names[:, 0].tolist())
+        taken_for, condensed = self._solver.condense(first, last, rows)
+        landmarks = tuple(taken_for[:, 0].tolist())
         places = self._places(landmarks)
         return Piece(
             first, last, landmarks, *linearized(condensed, poses[0], poses[-1], places)[1:]
