@@ -230,6 +230,24 @@ def test_covariances_by_the_pieces_around_are_those_of_the_whole_but_for_what_is
         assert 0.99 * expected < found < 1.5 * expected
 
 
+def test_what_was_sighted_once_changes_no_covariance_around() -> None:
+    """It is left out where it is not asked about: with nothing else to say where it is."""
+    names, clutter = [0, 10, 3, 13], [*range(100, 110)]
+    graph = driven(drive(1, num_poses=40), 6, halves)
+    for landmark in clutter:
+        bearing = 0.01 * landmark
+        offset = 4.0 * np.array([[np.cos(bearing), np.sin(bearing)]])
+        graph.add_landmark(landmark, graph.pose(40).transform(offset)[0])
+        graph.add_sighting(Sighting(40, landmark, 4.0, bearing, NOISE))
+    graph.update()
+    without, among = (
+        graph.covariance_around(asked, names) for asked in (names, [*names, *clutter])
+    )
+    np.testing.assert_allclose(among[:8, :8], without, atol=1e-4 * np.trace(without))
+    assert (np.diag(among)[8:] > 0.0).all()
+    assert graph.incidents == ()
+
+
 def turned_about(shared: int) -> Piece:
     """Two poses that see landmarks 5 and 6, and so many of 0 and 1, to 1 cm."""
     landmarks = (5, 6, *range(shared))
