@@ -12,7 +12,7 @@ from semgraph.graph.factors import ROBUST_CHI2, Sighting, check_definite, check_
 from semgraph.graph.graph_covariances import GraphCovariances
 from semgraph.graph.graph_log import Sighted
 from semgraph.graph.graph_solver import JUMP_M, GraphEstimate, GraphSolver, Snapshot
-from semgraph.graph.strays import of_neighbours, strays
+from semgraph.graph.strays import of_neighbours, strays, taken_for_each_other
 from semgraph.graph.windows import NONE
 from semgraph.measurement_model import misfits2
 
@@ -274,11 +274,11 @@ class FactorGraph:
         Returns:
             from which landmark to which, and what.
         """
-        log = self._solver.log
-        owners = of_neighbours(log, self.estimate(), groups, least_log_odds)
+        log, estimate = self._solver.log, self.estimate()
+        handed = self._swap(taken_for_each_other(log, estimate, groups, least_log_odds))
+        owners = of_neighbours(log, estimate, groups, least_log_odds)
         rows = np.array(list(owners), dtype=np.int64)
         moves = np.column_stack([log.landmarks[rows], np.array(list(owners.values()), dtype=int)])
-        handed: list[tuple[int, int, Sighted]] = []
         for old, new in np.unique(moves, axis=0).tolist():
             some = rows[(moves == (old, new)).all(axis=1)]
             # From one pose a landmark is sighted once.
@@ -288,6 +288,22 @@ class FactorGraph:
                 handed.append((old, new, log.some(some)))
                 self._solver.hand_over(some, new)
         return handed
+
+    def _swap(self, pairs: Iterable[tuple[int, int]]) -> list[tuple[int, int, Sighted]]:
+        """Rows of one pose, each of the other's landmark now; from which to which, and what."""
+        log = self._solver.log
+        swapped: list[tuple[int, int, Sighted]] = []
+        gone = set[int]()
+        for pair in pairs:
+            if not gone.isdisjoint(pair):
+                continue
+            gone.update(pair)
+            owners = log.landmarks[list(pair)].tolist()
+            for row, old, new in zip(pair, owners, owners[::-1], strict=True):
+                rows = np.array([row])
+                swapped.append((old, new, log.some(rows)))
+                self._solver.hand_over(rows, new)
+        return swapped
 
     def leave_out_strays(self, landmarks: Set[int]) -> dict[int, Sighted]:
         """Takes out sightings of these landmarks that fit nothing, and moves to the optimum again.

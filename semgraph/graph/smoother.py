@@ -158,11 +158,13 @@ class Smoother:
         kinds = {k: known.kind for k, known in landmarks.items() if not known.identity}
         log_odds = float(np.log(self._settings.duplicate_odds))
         changed = set[int]()
-        for old, new, sighted in self._graph.hand_over_to_neighbours(kinds, log_odds):
-            self._take_instead(sighted, self._registry.tracks(new)[0].number)
+        handed = self._graph.hand_over_to_neighbours(kinds, log_odds)
+        for old, _, sighted in handed:
             for scan in self._keyframes.scans_of(sighted.poses).tolist():
                 landmarks[old].scans.discard(scan)
-                landmarks[new].scans.add(scan)
+        for old, new, sighted in handed:
+            self._take_instead(sighted, self._registry.tracks(new)[0].number)
+            landmarks[new].scans.update(self._keyframes.scans_of(sighted.poses).tolist())
             count = len(sighted) + self._graph.num_sightings(old)
             why = f"{len(sighted)} of {count} sightings"
             self._decided.add(What.HANDED_OVER, kinds[old], old, new, why=why)

@@ -57,6 +57,48 @@ def of_neighbours(
     return {row: instead for row, (_, instead) in found.items()}
 
 
+def taken_for_each_other(
+    log: GraphLog,
+    estimate: GraphEstimate,
+    groups: Mapping[int, Hashable],
+    least_log_odds: float,
+) -> list[tuple[int, int]]:
+    """Pairs of rows, of two landmarks beside each other from one pose, that fit better swapped.
+
+    Args:
+        log: of the graph.
+        estimate: where all is.
+        groups: of each landmark that is asked about; one is only ever of another of its group.
+        least_log_odds: how much better both together.
+    """
+    names = list(groups)
+    if len(names) < 2:
+        return []
+    tree = KDTree(np.array([estimate.map_t_landmarks[name] for name in names]))
+    found: list[tuple[int, int]] = []
+    for numbers in tree.query_pairs(_NEIGHBOURS_WITHIN_M, output_type="ndarray").tolist():
+        pair = [names[number] for number in numbers]
+        if groups[pair[0]] != groups[pair[1]]:
+            continue
+        rows = [log.rows(name) for name in pair]
+        _, *at = np.intersect1d(log.poses[rows[0]], log.poses[rows[1]], return_indices=True)
+        both = [each[places] for each, places in zip(rows, at, strict=True)]
+        now, then = (
+            [
+                _misfits(
+                    log, estimate, each, np.tile(estimate.map_t_landmarks[name], (len(each), 1))
+                )
+                for each, name in zip(both, order, strict=True)
+            ]
+            for order in (pair, pair[::-1])
+        )
+        is_better = (sum(now) - sum(then) > 2.0 * least_log_odds) & (
+            np.maximum(*then) <= CHI2_2DOF_999
+        )
+        found += zip(both[0][is_better].tolist(), both[1][is_better].tolist(), strict=True)
+    return found
+
+
 def _misfits(
     log: GraphLog, estimate: GraphEstimate, rows: IntArray, places: FloatArray
 ) -> FloatArray:
