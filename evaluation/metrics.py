@@ -241,10 +241,6 @@ def _of_run(result: RunResult) -> Iterator[Metric]:
             yield Metric(f"fast_latency_{name}_ms", latency_ms, "ms", Direction.LOWER)
     if result.online is not None:
         yield from _of_online(result.online)
-    if result.associations:
-        sighted = np.unique(np.concatenate(list(result.associations.values())))
-        in_map = [landmark.id for landmark in result.landmarks]
-        yield _count("landmarks_tentative", len(np.setdiff1d(sighted[sighted >= 0], in_map)))
     closures = [event for event in result.events if event.lower().startswith(LOOP_CLOSED)]
     yield _count("num_loop_closures", len(closures))
 

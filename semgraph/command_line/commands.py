@@ -369,7 +369,6 @@ def _print_comparison(console: Console, metrics: Sequence[Metric]) -> None:
         f"{values[name]:.0f} {label}"
         for label, name in (
             ("landmarks", "landmarks_confirmed"),
-            ("more sighted too little to be in the map", "landmarks_tentative"),
             ("missed", "landmarks_missed"),
             ("twice", "landmarks_duplicate"),
             ("loop closures", "num_loop_closures"),
