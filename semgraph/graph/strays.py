@@ -43,10 +43,7 @@ def of_neighbours(
         if groups[theirs] != groups[instead]:
             continue
         rows = log.rows(theirs)
-        now, then = (
-            _misfits(log, estimate, rows, np.tile(estimate.map_t_landmarks[each], (len(rows), 1)))
-            for each in (theirs, instead)
-        )
+        now, then = (_misfits_of(log, estimate, rows, each) for each in (theirs, instead))
         is_free = ~np.isin(log.poses[rows], log.poses[log.rows(instead)])
         is_better = (now - then > 2.0 * least_log_odds) & (then <= CHI2_2DOF_999) & is_free
         if 2 * np.count_nonzero(is_better) < len(rows):
@@ -84,12 +81,7 @@ def taken_for_each_other(
         _, *at = np.intersect1d(log.poses[rows[0]], log.poses[rows[1]], return_indices=True)
         both = [each[places] for each, places in zip(rows, at, strict=True)]
         now, then = (
-            [
-                _misfits(
-                    log, estimate, each, np.tile(estimate.map_t_landmarks[name], (len(each), 1))
-                )
-                for each, name in zip(both, order, strict=True)
-            ]
+            [_misfits_of(log, estimate, each, name) for each, name in zip(both, order, strict=True)]
             for order in (pair, pair[::-1])
         )
         is_better = (sum(now) - sum(then) > 2.0 * least_log_odds) & (
@@ -97,6 +89,14 @@ def taken_for_each_other(
         )
         found += zip(both[0][is_better].tolist(), both[1][is_better].tolist(), strict=True)
     return found
+
+
+def _misfits_of(
+    log: GraphLog, estimate: GraphEstimate, rows: IntArray, landmark: int
+) -> FloatArray:
+    """(k,) chi-squares of sightings, if they were of that landmark."""
+    places = np.tile(estimate.map_t_landmarks[landmark], (len(rows), 1))
+    return _misfits(log, estimate, rows, places)
 
 
 def _misfits(
