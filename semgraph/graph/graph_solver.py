@@ -244,13 +244,19 @@ class GraphSolver:
     def optimize(self) -> None:
         """The same, with what is condensed as it is."""
         self.estimate()
-        whole, kept = Incremental(self.isam.factorization), (self.isam, self.slots)
-        self.isam, self.slots = whole, _AllSlots()
-        self._add_all()
-        self.isam, self.slots = kept
-        self._take(whole.optimum())
-        self._are_current.clear()
-        self.rebuild()
+        kept = self.isam, self.slots
+        self.isam, self.slots = Incremental(self.isam.factorization), _AllSlots()
+        try:
+            self._add_all()
+            self._take(self.isam.go_to_optimum())
+            self._are_current.clear()
+            self.isam.update()
+            self._settled()
+        except UpdateError:
+            self.rebuild()
+        except GraphError:
+            self.isam, self.slots = kept
+            raise
 
     def pose(self, index: int) -> Pose2:
         """map_T_base of one pose as of the last update."""

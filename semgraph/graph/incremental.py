@@ -236,8 +236,8 @@ class Incremental:
         """Half the sum of all chi-squares, under the kernel; takes time as long as the run."""
         return float(self._isam.getFactorsUnsafe().error(self._isam.calculateEstimate()))
 
-    def optimum(self) -> Values:
-        """The batch optimum of what waits; by QR if it must be.
+    def go_to_optimum(self) -> Values:
+        """What waits is at its batch optimum from now on, and where that is; by QR if it must be.
 
         Raises:
             GraphError: not even then.
@@ -247,9 +247,11 @@ class Incremental:
             params.setLinearSolverType(f"MULTIFRONTAL_{factorization}")
             try:
                 optimizer = gtsam.LevenbergMarquardtOptimizer(self._factors, self._values, params)
-                return _read(optimizer.optimize())
+                self._values = optimizer.optimize()
             except RuntimeError as error:
                 failure = error
+            else:
+                return _read(self._values)
         raise GraphError(f"the graph cannot be solved: {_first_line(failure)}") from failure
 
     def covariance(self, keys: Sequence[int]) -> FloatArray:

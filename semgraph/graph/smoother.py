@@ -315,6 +315,8 @@ class Smoother:
         self, tracks: list[Track], rows: list[int], step: FastStep, perceptions: Perceptions
     ) -> None:
         """Notes what moves; where most seem to, it is the robot's pose that jumped."""
+        if not tracks:
+            return
         places, covariances = step.map_T_base.transform(
             perceptions.base_t_landmarks(), perceptions.base_covariances()
         )
