@@ -101,6 +101,7 @@ class FastEstimator:
         self._unseen_seconds = 0.0
         self._knew_landmarks = False
         self._was_perceived = False
+        self._was_speed_seen = False
         self._last_stamp_ns: int | None = None
 
     @property
@@ -113,6 +114,7 @@ class FastEstimator:
         self._map_T_last = map_T_base
         self._last_motion, self._last_seconds, self._unseen_seconds = Pose2(), 0.0, 0.0
         self._last_stamp_ns, self._was_perceived = stamp_ns, False
+        self._was_speed_seen = False
         self._knew_landmarks = False
 
     def step(self, perceptions: Perceptions, odometry: UncertainPose2 | None) -> FastStep:
@@ -131,6 +133,7 @@ class FastEstimator:
             if placed is None:
                 motion = self._propose(perceptions.stamp_ns, odometry, self._habit.noise())
             map_T_proposed = placed or self._go_on(motion)
+        told = motion if odometry is not None else self._told(perceptions.stamp_ns, motion)
         near, matches = self._find_correspondences(perceptions, map_T_proposed)
         estimate = self._estimate(perceptions, near, matches, map_T_proposed.covariance)
         map_T_base = UncertainPose2(
@@ -146,9 +149,21 @@ class FastEstimator:
             is_perceived=is_perceived,
         )
         self._knew_landmarks = bool((landmark_ids >= 0).any())
-        return FastStep(
-            perceptions.stamp_ns, map_T_base, motion, estimate.closed_form, landmark_ids
-        )
+        return FastStep(perceptions.stamp_ns, map_T_base, told, estimate.closed_form, landmark_ids)
+
+    def _told(self, stamp_ns: int, motion: UncertainPose2) -> UncertainPose2:
+        """The motion, with all that it leaves open.
+
+        One landmark alone tells a movement past it from a turn before it by what is usual only:
+        the speed that this begins with is good to go on with, but nobody has seen it.
+        """
+        if self._was_speed_seen or self._last_stamp_ns is None:
+            return motion
+        seconds = (stamp_ns - self._last_stamp_ns) * 1e-9
+        unknown = constant_motion(
+            Pose2(), 0.0, seconds, self._motion_noise, self._unseen_seconds
+        ).covariance
+        return UncertainPose2(motion.pose, unknown)
 
     def _propose(
         self, stamp_ns: int, odometry: UncertainPose2 | None, noise: MotionNoise
@@ -371,6 +386,7 @@ class FastEstimator:
                 self._habit.note(usual, step, span_s2(self._last_seconds, seconds))
             # Two places that were solved for tell the velocity.
             is_movement = is_perceived and self._was_perceived
+            self._was_speed_seen = self._was_speed_seen or is_movement
             unseen_seconds = 0.0 if is_movement else self._unseen_seconds
             if self._last_seconds > 0.0:
                 self._last_motion = corrected(expected, step, seconds, unseen_seconds)
