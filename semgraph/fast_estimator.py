@@ -27,6 +27,8 @@ from semgraph.navigation_map import Averaging, NavigationMap
 _MOST_TURNS: Final = 200
 # With sigmas beyond so many search radii the radius says nothing.
 _LOST_RADII: Final = 2.0
+# So many landmarks seen twice tell how the robot moved.
+_TELL_SPEED: Final = 2
 # The share of a wandering velocity's variance that one place after it leaves.
 _LEFT_BY_ONE_PLACE: Final = 0.25
 # Of what is remembered, this much is looked at: all, then ever less.
@@ -99,7 +101,7 @@ class FastEstimator:
         self._last_seconds = 0.0
         # For how long the velocity was free to change.
         self._unseen_seconds = 0.0
-        self._knew_landmarks = False
+        self._num_known = 0
         self._was_perceived = False
         self._was_speed_seen = False
         self._last_stamp_ns: int | None = None
@@ -115,7 +117,7 @@ class FastEstimator:
         self._last_motion, self._last_seconds, self._unseen_seconds = Pose2(), 0.0, 0.0
         self._last_stamp_ns, self._was_perceived = stamp_ns, False
         self._was_speed_seen = False
-        self._knew_landmarks = False
+        self._num_known = 0
 
     def step(self, perceptions: Perceptions, odometry: UncertainPose2 | None) -> FastStep:
         """The pose at these perceptions, after which they are in the map.
@@ -148,14 +150,14 @@ class FastEstimator:
             is_seen=len(estimate.matches) > 0,
             is_perceived=is_perceived,
         )
-        self._knew_landmarks = bool((landmark_ids >= 0).any())
+        self._num_known = int((landmark_ids >= 0).sum())
         return FastStep(perceptions.stamp_ns, map_T_base, told, estimate.closed_form, landmark_ids)
 
     def _told(self, stamp_ns: int, motion: UncertainPose2) -> UncertainPose2:
-        """The motion, with all that it leaves open.
+        """The motion, with all that it leaves open of a speed that nobody has seen.
 
-        One landmark alone tells a movement past it from a turn before it by what is usual only:
-        the speed that this begins with is good to go on with, but nobody has seen it.
+        One landmark alone tells driving past it from turning before it by what is usual only. The
+        speed that this begins with is good to go on with, but says nothing.
         """
         if self._was_speed_seen or self._last_stamp_ns is None:
             return motion
@@ -386,12 +388,12 @@ class FastEstimator:
                 self._habit.note(usual, step, span_s2(self._last_seconds, seconds))
             # Two places that were solved for tell the velocity.
             is_movement = is_perceived and self._was_perceived
-            self._was_speed_seen = self._was_speed_seen or is_movement
+            self._was_speed_seen |= is_perceived and self._num_known >= _TELL_SPEED
             unseen_seconds = 0.0 if is_movement else self._unseen_seconds
             if self._last_seconds > 0.0:
                 self._last_motion = corrected(expected, step, seconds, unseen_seconds)
                 self._last_seconds = seconds
-            elif self._knew_landmarks and is_seen:
+            elif self._num_known and is_seen:
                 self._last_motion, self._last_seconds = step, seconds
             self._unseen_seconds = (
                 _LEFT_BY_ONE_PLACE * unseen_seconds if is_perceived else unseen_seconds + seconds

@@ -304,6 +304,18 @@ def test_one_landmark_tells_more_than_the_motion_alone() -> None:
     assert off < 0.7 * np.hypot(stands.x, stands.y)
 
 
+def test_a_speed_that_one_landmark_alone_showed_is_no_known_speed() -> None:
+    """It may have turned before it as well as driven past; the tracker goes on with what it has."""
+    poses, tree = arc(24), START.transform(np.array([[4.0, 5.0]]))
+    scans = [seen(k, pose, stand() if k > 11 else tree) for k, pose in enumerate(poses)]
+    steps, _ = followed(BEST, scans)
+    sigmas = np.sqrt([step.motion.covariance[0, 0] for step in steps[1:]])
+    noise = MotionNoise()
+    assert (sigmas[:12] > noise.unknown_speed * SCAN_NS * 1e-9).all()
+    assert sigmas[-1] == pytest.approx(noise.floor_m + noise.acceleration * (SCAN_NS * 1e-9) ** 2)
+    assert all(np.hypot(*(step.motion.pose.as_array()[:2])) > 0.05 for step in steps[2:12])
+
+
 def test_a_match_that_contradicts_all_others_is_left_out() -> None:
     poses, trees = arc(30), stand()
     scans = [seen(k, pose, trees) for k, pose in enumerate(poses)]
