@@ -1,5 +1,6 @@
 """Figures of the graph beside the optimum with true associations: `semgraph bench graph`."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -19,6 +20,7 @@ from evaluation.landmarks import compare_map
 from evaluation.oracle import Oracle, oracle
 from evaluation.trajectory import compare_path, rmse
 from semgraph.arrays import IntArray
+from semgraph.landmarks import Landmark
 from semgraph.results import RunResult
 from semgraph.settings import Settings
 from sensors.truth import Source
@@ -62,13 +64,14 @@ def outcome(source: Source, result: RunResult, best: Oracle) -> Outcome:
     """The figures of a run on a course whose truth is known whole."""
     path, true = known(source.truth.path), known(source.truth.landmarks)
     smoothed = known(compare_path(result.smoothed, path))
-    errors = known(compare_map(result.landmarks, source.truth, smoothed.world_T_map))
+    landmarks = real_landmarks(best.associations, result)
+    errors = known(compare_map(landmarks, source.truth, smoothed.world_T_map))
     start = known(gauge(result.smoothed, path))
     return Outcome(
         rmse(smoothed.distances) / rmse(known(compare_path(best.trajectory, path)).distances),
         rmse(np.linalg.norm(errors.errors, axis=1)) / _map_rmse(source, best),
         float(np.nanmean(pose_nees(result.smoothed, result.smoothed_covariances, path, start))),
-        float(np.nanmean(landmark_nees(result.landmarks, true, errors, start))),
+        float(np.nanmean(landmark_nees(landmarks, true, errors, start))),
         len(result.landmarks),
         len(errors.duplicates),
         num_mixed(best.associations, result),
@@ -83,13 +86,40 @@ def num_mixed(truly: Mapping[int, IntArray], result: RunResult) -> int:
         truly: by stamp, the true landmark of each perception (n,), -1 for none.
         result: of a run over the same perceptions.
     """
-    counts: dict[int, dict[int, int]] = {landmark.id: {} for landmark in result.landmarks}
+    seconds = [
+        sorted(row_counts.values())[-2]
+        for row_counts in map(_of_true, _sightings(truly, result).values())
+        if len(row_counts) > 1
+    ]
+    return sum(second >= _WRONG_SIGHTINGS for second in seconds)
+
+
+def real_landmarks(truly: Mapping[int, IntArray], result: RunResult) -> list[Landmark]:
+    """The landmarks of a map without those that mostly hold perceptions of nothing.
+
+    A clump of twigs half a metre from a sapling nobody saw would be taken for it.
+    """
+    sightings = _sightings(truly, result)
+    return [
+        landmark
+        for landmark in result.landmarks
+        if 2 * sum(_of_true(sightings[landmark.id]).values()) >= sightings[landmark.id].total()
+    ]
+
+
+def _sightings(truly: Mapping[int, IntArray], result: RunResult) -> dict[int, Counter[int]]:
+    """By landmark of the map, how many of its perceptions are of each true one, -1 for none."""
+    counts = {landmark.id: Counter[int]() for landmark in result.landmarks}
     for stamp_ns, landmarks in result.associations.items():
         for landmark, row in zip(landmarks.tolist(), truly[stamp_ns].tolist(), strict=True):
-            if landmark in counts and row >= 0:
-                counts[landmark][row] = counts[landmark].get(row, 0) + 1
-    seconds = [sorted(rows.values())[-2] for rows in counts.values() if len(rows) > 1]
-    return sum(second >= _WRONG_SIGHTINGS for second in seconds)
+            if landmark in counts:
+                counts[landmark][row] += 1
+    return counts
+
+
+def _of_true(counts: Counter[int]) -> Counter[int]:
+    """Without those of nothing."""
+    return Counter({row: count for row, count in counts.items() if row >= 0})
 
 
 def _map_rmse(source: Source, best: Oracle) -> float:

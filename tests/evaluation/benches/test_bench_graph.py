@@ -13,6 +13,7 @@ from evaluation.benches.bench_graph import (
     disturbed,
     num_mixed,
     outcome,
+    real_landmarks,
     sections,
 )
 from evaluation.benches.bench_runs import known, run_course
@@ -59,6 +60,20 @@ def test_associations_are_right_and_a_wrong_merge_is_counted(
         for stamp_ns, landmarks in result.associations.items()
     }
     assert num_mixed(known(source.truth.associations), replace(result, associations=mixed)) == 1
+
+
+def test_a_landmark_of_nothing_is_not_held_against_the_tree_beside_it(
+    short: tuple[Source, RunResult],
+) -> None:
+    source, result = short
+    truly = known(source.truth.associations)
+    assert real_landmarks(truly, result) == list(result.landmarks)
+    first = result.landmarks[0].id
+    of_first = {
+        stamp_ns: np.where(result.associations[stamp_ns] == first, -1, rows)
+        for stamp_ns, rows in truly.items()
+    }
+    assert real_landmarks(of_first, result) == list(result.landmarks[1:])
 
 
 def test_rows_tell_good_outcomes_from_bad_ones() -> None:
