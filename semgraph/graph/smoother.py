@@ -314,8 +314,11 @@ class Smoother:
     def _look_for_movers(
         self, tracks: list[Track], rows: list[int], step: FastStep, perceptions: Perceptions
     ) -> None:
-        """Notes what moves; where most seem to, it is the robot's pose that jumped."""
-        if not tracks:
+        """Notes what moves; where most seem to, it is the robot's pose that jumped.
+
+        A scan that shows too little to judge by does not say well where things are either.
+        """
+        if len(tracks) < _LEAST_TO_JUDGE:
             return
         places, covariances = step.map_T_base.transform(
             perceptions.base_t_landmarks(), perceptions.base_covariances()
@@ -324,8 +327,6 @@ class Smoother:
             track.moved(step.stamp_ns, places[row], covariances[row])
             for track, row in zip(tracks, rows, strict=True)
         ]
-        if len(moved) < _LEAST_TO_JUDGE:
-            return
         distances2 = mahalanobis2(*(np.array(each) for each in zip(*moved, strict=True)))
         away = (distances2 > CHI2_2DOF_999).tolist()
         if 2 * sum(away) < len(away):
