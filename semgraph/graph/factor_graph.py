@@ -1,6 +1,6 @@
 """The pose and landmark graph: what is added to it, made one and split."""
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from semgraph.graph.factors import ROBUST_CHI2, Sighting, check_definite, check_
 from semgraph.graph.graph_covariances import GraphCovariances
 from semgraph.graph.graph_log import Sighted
 from semgraph.graph.graph_solver import JUMP_M, GraphEstimate, GraphSolver, Snapshot
-from semgraph.graph.strays import of_neighbours, strays, taken_for_each_other
+from semgraph.graph.strays import Likeness, of_neighbours, strays, taken_for_each_other
 from semgraph.graph.windows import NONE
 from semgraph.measurement_model import misfits2
 
@@ -261,22 +261,22 @@ class FactorGraph:
         self._covariances.forget()
 
     def hand_over_to_neighbours(
-        self, groups: Mapping[int, Hashable], least_log_odds: float
+        self, likenesses: Mapping[int, Likeness], least_log_odds: float
     ) -> list[tuple[int, int, Sighted]]:
         """Sightings that a landmark beside theirs explains better become that one's.
 
         It takes them in with the next update; `polish` is quicker.
 
         Args:
-            groups: of each landmark that is asked about; one is only ever of another of its group.
+            likenesses: of each landmark that is asked about.
             least_log_odds: how much better.
 
         Returns:
             from which landmark to which, and what.
         """
         log, estimate = self._solver.log, self.estimate()
-        handed = self._swap(taken_for_each_other(log, estimate, groups, least_log_odds))
-        owners = of_neighbours(log, estimate, groups, least_log_odds)
+        handed = self._swap(taken_for_each_other(log, estimate, likenesses, least_log_odds))
+        owners = of_neighbours(log, estimate, likenesses, least_log_odds)
         rows = np.array(list(owners), dtype=np.int64)
         moves = np.column_stack([log.landmarks[rows], np.array(list(owners.values()), dtype=int)])
         for old, new in np.unique(moves, axis=0).tolist():

@@ -28,6 +28,7 @@ class Sighting:
 
     `covariance` (2, 2) is of (range, bearing), `track` tells the stretch of sightings that it came
     with, `common_share` how much of the range's variance all sightings of the landmark share.
+    The diameter is NaN where none was perceived.
     """
 
     pose: int
@@ -37,6 +38,8 @@ class Sighting:
     covariance: FloatArray
     track: int = -1
     common_share: float = 0.0
+    diameter_m: float = np.nan
+    diameter_sigma_m: float = np.nan
 
     @classmethod
     def of(
@@ -52,6 +55,8 @@ class Sighting:
             perceptions.covariances[row] / reliability,
             track,
             float(perceptions.common_shares[row]),
+            float(perceptions.diameters_m[row]),
+            float(perceptions.diameter_sigmas_m[row]),
         )
 
 

@@ -42,7 +42,7 @@ class Sighted:
 
 @final
 class GraphLog:
-    """Motions and sightings in the order they were added; about 60 bytes a sighting.
+    """Motions and sightings in the order they were added; about 70 bytes a sighting.
 
     Attributes:
         start: where pose 0 is.
@@ -52,6 +52,7 @@ class GraphLog:
         polar: (m, 2) range and bearing.
         covariances: (m, 2, 2) of those.
         common_shares: (m,) of the ranges' variances.
+        diameters: (m, 2) m, perceived, and their sigmas; NaN for none.
     """
 
     def __init__(self, start: UncertainPose2) -> None:
@@ -60,6 +61,7 @@ class GraphLog:
         self._poses, self._tracks, self._landmarks = (Growing((), np.int32) for _ in range(3))
         self._polar, self._covariances = Growing((2,)), Growing((3,))
         self._common_shares = Growing((), np.float32)
+        self._diameters = Growing((2,), np.float32)
         self._rows: dict[int, array[int]] = {}
         # How many sightings there were when a pose came: its own are later ones.
         self._num_before = array("i", [0])
@@ -105,6 +107,11 @@ class GraphLog:
     def common_shares(self) -> FloatArray:
         """(m,)."""
         return self._common_shares.rows
+
+    @property
+    def diameters(self) -> FloatArray:
+        """(m, 2)."""
+        return self._diameters.rows
 
     def covariances(self, rows: IntArray) -> FloatArray:
         """(k, 2, 2) of some sightings."""
@@ -152,6 +159,7 @@ class GraphLog:
         self._polar.append((sighting.range_m, sighting.bearing))
         self._covariances.append((a, b, d))
         self._common_shares.append(sighting.common_share)
+        self._diameters.append((sighting.diameter_m, sighting.diameter_sigma_m))
         row = self._landmarks.append(sighting.landmark)
         self._rows[sighting.landmark].append(row)
         return row
@@ -168,6 +176,7 @@ class GraphLog:
             np.array([[a, b], [b, d]]),
             int(self._tracks.rows[row]),
             float(self._common_shares.rows[row]),
+            *self._diameters.rows[row].tolist(),
         )
 
     def sighted(self, landmark: int) -> Sighted:

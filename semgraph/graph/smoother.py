@@ -29,6 +29,7 @@ from semgraph.graph.keyframes import Keyframes
 from semgraph.graph.landmark_registry import LandmarkRegistry
 from semgraph.graph.loop_closure import GraphLandmark
 from semgraph.graph.merging import Merging
+from semgraph.graph.strays import Likeness
 from semgraph.graph.tracks import Track
 from semgraph.landmarks import Gone, Kind, Landmark, Perceptions
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
@@ -155,10 +156,14 @@ class Smoother:
     def _hand_over(self) -> set[int]:
         """The landmarks that gained or lost sightings which a neighbour explains better."""
         landmarks = self._registry.landmarks
-        kinds = {k: known.kind for k, known in landmarks.items() if not known.identity}
+        likenesses = {
+            k: Likeness(known.kind, known.diameter())
+            for k, known in landmarks.items()
+            if not known.identity
+        }
         log_odds = float(np.log(self._settings.duplicate_odds))
         changed = set[int]()
-        handed = self._graph.hand_over_to_neighbours(kinds, log_odds)
+        handed = self._graph.hand_over_to_neighbours(likenesses, log_odds)
         for old, _, sighted in handed:
             for scan in self._keyframes.scans_of(sighted.poses).tolist():
                 landmarks[old].scans.discard(scan)
@@ -167,7 +172,7 @@ class Smoother:
             landmarks[new].scans.update(self._keyframes.scans_of(sighted.poses).tolist())
             count = len(sighted) + self._graph.num_sightings(old)
             why = f"{len(sighted)} of {count} sightings"
-            self._decided.add(What.HANDED_OVER, kinds[old], old, new, why=why)
+            self._decided.add(What.HANDED_OVER, landmarks[old].kind, old, new, why=why)
             changed |= {old, new}
         return changed
 

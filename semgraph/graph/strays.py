@@ -1,6 +1,7 @@
 """Sightings that fit something else, or nothing, once all is known."""
 
 from collections.abc import Hashable, Mapping, Set
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -9,16 +10,27 @@ from scipy.spatial import KDTree
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.graph.graph_log import NOWHERE, GraphLog
 from semgraph.graph.graph_solver import GraphEstimate
-from semgraph.measurement_model import CHI2_2DOF_999, misfits2
+from semgraph.measurement_model import CHI2_2DOF_999, diameter_log_likelihoods, misfits2
 
 _LEAST_OF_A_TRACK: Final = 2
 _NEIGHBOURS_WITHIN_M: Final = 1.0
 
 
+@dataclass(frozen=True, slots=True)
+class Likeness:
+    """What a landmark is: one is only ever of another of its group.
+
+    `diameter` is its mean and sigma in m, NaN where none was perceived.
+    """
+
+    group: Hashable
+    diameter: tuple[float, float] = (np.nan, np.nan)
+
+
 def of_neighbours(
     log: GraphLog,
     estimate: GraphEstimate,
-    groups: Mapping[int, Hashable],
+    likenesses: Mapping[int, Likeness],
     least_log_odds: float,
 ) -> dict[int, int]:
     """The rows of sightings that a landmark beside theirs explains so much better, and which.
@@ -29,10 +41,10 @@ def of_neighbours(
     Args:
         log: of the graph.
         estimate: where all is.
-        groups: of each landmark that is asked about; one is only ever of another of its group.
+        likenesses: of each landmark that is asked about.
         least_log_odds: how much better.
     """
-    names = list(groups)
+    names = list(likenesses)
     if len(names) < 2:
         return {}
     tree = KDTree(np.array([estimate.map_t_landmarks[name] for name in names]))
@@ -40,12 +52,13 @@ def of_neighbours(
     found: dict[int, tuple[float, int]] = {}
     for one, other in np.concatenate([close, close[:, ::-1]]).tolist():
         theirs, instead = names[one], names[other]
-        if groups[theirs] != groups[instead]:
+        if likenesses[theirs].group != likenesses[instead].group:
             continue
         rows = log.rows(theirs)
         now, then = (_misfits_of(log, estimate, rows, each) for each in (theirs, instead))
         is_free = ~np.isin(log.poses[rows], log.poses[log.rows(instead)])
-        is_better = (now - then > 2.0 * least_log_odds) & (then <= CHI2_2DOF_999) & is_free
+        gain = now - then + _of_diameters(log, rows, likenesses[theirs], likenesses[instead])
+        is_better = (gain > 2.0 * least_log_odds) & (then <= CHI2_2DOF_999) & is_free
         if 2 * np.count_nonzero(is_better) < len(rows):
             for row, misfit2 in zip(
                 rows[is_better].tolist(), then[is_better].tolist(), strict=True
@@ -57,7 +70,7 @@ def of_neighbours(
 def taken_for_each_other(
     log: GraphLog,
     estimate: GraphEstimate,
-    groups: Mapping[int, Hashable],
+    likenesses: Mapping[int, Likeness],
     least_log_odds: float,
 ) -> list[tuple[int, int]]:
     """Pairs of rows, of two landmarks beside each other from one pose, that fit better swapped.
@@ -65,17 +78,17 @@ def taken_for_each_other(
     Args:
         log: of the graph.
         estimate: where all is.
-        groups: of each landmark that is asked about; one is only ever of another of its group.
+        likenesses: of each landmark that is asked about.
         least_log_odds: how much better both together.
     """
-    names = list(groups)
+    names = list(likenesses)
     if len(names) < 2:
         return []
     tree = KDTree(np.array([estimate.map_t_landmarks[name] for name in names]))
     found: list[tuple[int, int]] = []
     for numbers in tree.query_pairs(_NEIGHBOURS_WITHIN_M, output_type="ndarray").tolist():
         pair = [names[number] for number in numbers]
-        if groups[pair[0]] != groups[pair[1]]:
+        if likenesses[pair[0]].group != likenesses[pair[1]].group:
             continue
         rows = [log.rows(name) for name in pair]
         _, *at = np.intersect1d(log.poses[rows[0]], log.poses[rows[1]], return_indices=True)
@@ -84,11 +97,23 @@ def taken_for_each_other(
             [_misfits_of(log, estimate, each, name) for each, name in zip(both, order, strict=True)]
             for order in (pair, pair[::-1])
         )
-        is_better = (sum(now) - sum(then) > 2.0 * least_log_odds) & (
-            np.maximum(*then) <= CHI2_2DOF_999
-        )
+        like = [likenesses[name] for name in pair]
+        gain = sum(now) - sum(then)
+        gain += _of_diameters(log, both[0], *like) + _of_diameters(log, both[1], *like[::-1])
+        is_better = (gain > 2.0 * least_log_odds) & (np.maximum(*then) <= CHI2_2DOF_999)
         found += zip(both[0][is_better].tolist(), both[1][is_better].tolist(), strict=True)
     return found
+
+
+def _of_diameters(log: GraphLog, rows: IntArray, now: Likeness, then: Likeness) -> FloatArray:
+    """(k,) by how much chi-squares fall, if sightings are of what is like `then`; 0 if unknown."""
+    perceived = log.diameters[rows].astype(np.float64).T
+    log_likelihoods = [
+        diameter_log_likelihoods(*perceived, *(np.full(len(rows), each) for each in like.diameter))
+        for like in (then, now)
+    ]
+    gains: FloatArray = np.nan_to_num(2.0 * (log_likelihoods[0] - log_likelihoods[1]))
+    return gains
 
 
 def _misfits_of(

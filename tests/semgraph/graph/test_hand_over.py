@@ -1,11 +1,14 @@
 """Sightings that were taken for a neighbour's come to their own landmark in the end."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import pytest
 
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.graph.factors import Sighting
+from semgraph.graph.strays import Likeness
 from semgraph.measurement_model import predict
 from tests.semgraph.drives import START, polished
 
@@ -13,11 +16,14 @@ NOISE = np.diag([0.03, 0.004]) ** 2
 STEP = UncertainPose2(Pose2(1.0, 0.0, 0.0), np.diag([0.02, 0.02, 0.01]) ** 2)
 # 1 and 2 stand 0.4 m apart.
 TREES = {0: (3.0, 4.0), 1: (6.0, -3.0), 2: (6.3, -3.27), 3: (9.0, 4.0)}
-GROUPS = dict.fromkeys(TREES, "tree")
+TREE = Likeness("tree")
+GROUPS = dict.fromkeys(TREES, TREE)
 LOG_ODDS = float(np.log(100.0))
 
 
-def driven(wrong: dict[tuple[int, int], int], seed: int = 1) -> FactorGraph:
+def driven(
+    wrong: dict[tuple[int, int], int], seed: int = 1, diameters_m: Mapping[int, float] | None = None
+) -> FactorGraph:
     """Ten poses; `wrong` (pose, tree) is taken for another, and what is -1 is not sighted."""
     rng = np.random.default_rng(seed)
     graph = FactorGraph(START)
@@ -32,7 +38,10 @@ def driven(wrong: dict[tuple[int, int], int], seed: int = 1) -> FactorGraph:
             polar = predict(Pose2(float(k), 0.0, 0.0), np.array([place]))[0]
             polar += rng.normal(size=2) * np.sqrt(np.diag(NOISE))
             range_m, bearing = polar.tolist()
-            graph.add_sighting(Sighting(pose, name, range_m, bearing, NOISE, track=name))
+            diameter_m = (diameters_m or {}).get(tree, np.nan)
+            graph.add_sighting(
+                Sighting(pose, name, range_m, bearing, NOISE, name, 0.0, diameter_m, 0.02)
+            )
     graph.update()
     return polished(graph)
 
@@ -67,7 +76,21 @@ def test_what_was_taken_for_each_other_in_one_scan_is_swapped(seed: int) -> None
     for tree in TREES:
         np.testing.assert_allclose(graph.landmark(tree), right.landmark(tree), atol=0.02)
     assert [graph.num_sightings(tree) for tree in TREES] == [10, 10, 10, 10]
-    assert driven(swapped, seed).hand_over_to_neighbours(GROUPS | {2: "rock"}, LOG_ODDS) == []
+    assert (
+        driven(swapped, seed).hand_over_to_neighbours(GROUPS | {2: Likeness("rock")}, LOG_ODDS)
+        == []
+    )
+
+
+def test_diameters_tell_where_places_do_not() -> None:
+    diameters_m, least = {1: 0.1, 2: 0.5}, 200.0
+    likenesses = {k: Likeness("tree", (diameters_m.get(k, np.nan), 0.01)) for k in TREES}
+    moved = [
+        driven(MIXED, diameters_m=diameters_m).hand_over_to_neighbours(alike, least)
+        for alike in (GROUPS, likenesses)
+    ]
+    poses = [sorted(handed.poses.tolist()) for ((_, _, handed),) in moved]
+    assert poses == [[7], [4, 7]]
 
 
 def test_what_is_right_stays_where_it_is() -> None:
@@ -78,13 +101,13 @@ def test_what_is_right_stays_where_it_is() -> None:
     ("wrong", "groups"),
     [
         # Of another kind; not asked about; nothing asked about.
-        (MIXED, GROUPS | {2: "rock"}),
-        (MIXED, {0: "tree", 1: "tree", 3: "tree"}),
+        (MIXED, GROUPS | {2: Likeness("rock")}),
+        (MIXED, dict.fromkeys((0, 1, 3), TREE)),
         (MIXED, {}),
     ],
 )
 def test_what_cannot_be_the_neighbours_stays(
-    wrong: dict[tuple[int, int], int], groups: dict[int, str]
+    wrong: dict[tuple[int, int], int], groups: dict[int, Likeness]
 ) -> None:
     graph = driven(wrong)
     assert graph.hand_over_to_neighbours(groups, LOG_ODDS) == []
