@@ -1,5 +1,4 @@
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -8,76 +7,24 @@ import pytest
 from pydantic import ValidationError
 
 from semgraph.alignment import Alignment
-from semgraph.arrays import FloatArray
 from semgraph.estimates import NoEstimate, NoEstimateReason
-from semgraph.fast_estimator import FastEstimator, FastSettings, FastStep, Rules
-from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
-from semgraph.landmarks import Kind, Perceptions, polar_covariances
-from semgraph.measurement_model import predict
-from semgraph.motion_model import MotionNoise, constant_motion
+from semgraph.fast_estimator import FastSettings, Rules
+from semgraph.geometry import Pose2
+from semgraph.landmarks import Kind, Perceptions
 from sensors.simulation.courses.perceptions import CourseOptions, read
 from sensors.truth import Source
-
-SCAN_NS = 100_000_000
-START = Pose2(2.0, -1.0, 0.5)
-BEST = FastSettings.model_validate({"rules": "best"})
-PAPER = FastSettings.model_validate({"rules": "paper"})
-BOTH_RULES = pytest.mark.parametrize("settings", [BEST, PAPER])
-
-
-def arc(num_scans: int, radius_m: float = 12.0, turn: float = 0.02) -> list[Pose2]:
-    """Poses counter-clockwise on a circle that begins at START."""
-    step = Pose2(radius_m * math.sin(turn), radius_m * (1.0 - math.cos(turn)), turn)
-    poses = [START]
-    while len(poses) < num_scans:
-        poses.append(poses[-1] @ step)
-    return poses
-
-
-def stand(seed: int = 0) -> FloatArray:
-    """Trees (n, 2) at least 2 m apart, around the circle of `arc`."""
-    rng = np.random.default_rng(seed)
-    axis = np.arange(-28.0, 29.0, 4.0)
-    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    return START.transform(grid + rng.uniform(-1.0, 1.0, grid.shape) + (0.0, 12.0))
-
-
-def seen(k: int, map_T_base: Pose2, trees: FloatArray, reach_m: float = 12.0) -> Perceptions:
-    """Scan k without any noise, of all trees in reach."""
-    polar = predict(map_T_base, trees)
-    polar = polar[polar[:, 0] < reach_m]
-    sigmas = np.tile([0.03, 0.005], (len(polar), 1))
-    return Perceptions.from_arrays(
-        k * SCAN_NS, Kind.TREE, polar[:, 0], polar[:, 1], polar_covariances(*sigmas.T)
-    )
-
-
-def exact_wheels(poses: Sequence[Pose2]) -> list[UncertainPose2]:
-    covariance = np.diag([1e-2**2, 1e-2**2, 5e-3**2])
-    still = UncertainPose2(Pose2(), 1e-12 * np.eye(3))
-    return [still, *(UncertainPose2(a.between(b), covariance) for a, b in pairwise(poses))]
-
-
-def followed(
-    settings: FastSettings,
-    scans: Sequence[Perceptions],
-    wheels: Sequence[UncertainPose2] | None = None,
-    start: Pose2 = START,
-) -> tuple[list[FastStep], FastEstimator]:
-    estimator = FastEstimator(settings, start)
-    motions = [None] * len(scans) if wheels is None else wheels
-    steps = [estimator.step(scan, wheel) for scan, wheel in zip(scans, motions, strict=True)]
-    return steps, estimator
-
-
-def errors(steps: Sequence[FastStep], poses: Sequence[Pose2]) -> FloatArray:
-    """(n, 3) of the estimates, in their own frames."""
-    return np.array(
-        [
-            step.map_T_base.pose.between(pose).as_array()
-            for step, pose in zip(steps, poses, strict=True)
-        ]
-    )
+from tests.semgraph.circles import (
+    BEST,
+    BOTH_RULES,
+    PAPER,
+    START,
+    arc,
+    errors,
+    exact_wheels,
+    followed,
+    seen,
+    stand,
+)
 
 
 def course(seed: int) -> Source:
@@ -105,15 +52,6 @@ def test_the_closed_form_alone_follows_exact_perceptions_exactly() -> None:
     poses, trees = arc(150), stand(1)
     steps, _ = followed(PAPER, [seen(k, pose, trees) for k, pose in enumerate(poses)])
     np.testing.assert_allclose(errors(steps, poses), 0.0, atol=1e-7)
-
-
-def test_a_start_from_standstill_is_caught_up_with() -> None:
-    """Without wheels the prior first says that the robot stands: centimetres, not more."""
-    poses, trees = arc(150), stand(2)
-    steps, _ = followed(BEST, [seen(k, pose, trees) for k, pose in enumerate(poses)])
-    off = np.abs(errors(steps, poses))
-    assert off[:, :2].max() < 0.05
-    assert off[:, 2].max() < 0.01
 
 
 @BOTH_RULES
@@ -204,17 +142,6 @@ def test_empty_scans_are_survived_by_the_motion_model(settings: FastSettings) ->
 
 
 @BOTH_RULES
-def test_a_gap_in_time_is_bridged_by_the_last_movement(settings: FastSettings) -> None:
-    poses, trees = arc(120), stand()
-    kept = [k for k in range(120) if not 50 <= k < 58]
-    scans = [seen(k, poses[k], trees) for k in kept]
-    steps, _ = followed(settings, scans)
-    assert np.abs(errors(steps, [poses[k] for k in kept])).max() < 0.1
-    ids = {step.stamp_ns: step.landmark_ids for step in steps}
-    assert len(np.intersect1d(ids[49 * SCAN_NS], ids[58 * SCAN_NS])) > 5
-
-
-@BOTH_RULES
 @pytest.mark.parametrize(
     ("num_kept", "reason"),
     [(0, NoEstimateReason.NO_PERCEPTIONS), (1, NoEstimateReason.TOO_FEW_MATCHES)],
@@ -245,75 +172,6 @@ def test_a_run_without_any_perception_stays_at_the_start(settings: FastSettings)
     steps, estimator = followed(settings, scans)
     assert len(estimator.navigation_map) == 0
     np.testing.assert_allclose(errors(steps, [START] * 20), 0.0, atol=1e-12)
-
-
-def test_before_anything_is_seen_it_may_drive_as_fast_as_robots_do() -> None:
-    """As unsure after four seconds of nothing as one motion of four seconds: 5 m/s and more."""
-    steps, _ = followed(FastSettings(), [seen(k, START, np.zeros((0, 2))) for k in range(41)])
-    variances = sum(float(step.motion.covariance[0, 0]) for step in steps[1:])
-    assert variances**0.5 == pytest.approx(5.0 * 40 * SCAN_NS * 1e-9, rel=0.1)
-
-
-def test_the_longer_nothing_is_matched_the_less_a_motion_is_sure() -> None:
-    """One place halves a wandering velocity's error, two after each other tell the velocity."""
-    trees, poses = stand(), arc(30)
-    scans = [
-        seen(k, pose, trees, 12.0 if k < 15 or k > 24 else 0.5) for k, pose in enumerate(poses)
-    ]
-    assert [len(scan) for scan in scans[15:25]] == [0] * 10
-    steps, _ = followed(FastSettings(), scans)
-    sigmas = np.sqrt([step.motion.covariance[0, 0] for step in steps])
-    seconds = SCAN_NS * 1e-9
-    noise = MotionNoise()
-    steps_free = np.append(np.arange(1, 12), 1.0 + 0.25 * 10)
-    expected = noise.floor_m + noise.acceleration * seconds**2 * steps_free
-    np.testing.assert_allclose(sigmas[15:27], expected, rtol=1e-6)
-    assert sigmas[27] == pytest.approx(sigmas[14])
-
-
-def test_the_drift_that_the_first_match_takes_back_was_not_driven_in_that_step() -> None:
-    """Unseen it drives 5 cm farther each tenth of a second than before and after.
-
-    A velocity that wandered for 11 steps to leave 0.5 m is off by 1.5 * 0.5 m / 11 in a step.
-    """
-    trees, poses = stand(), arc(16)
-    step = poses[0].between(poses[1])
-    unseen = Pose2(step.x + 0.05, step.y, step.theta)
-    for k in range(16, 34):
-        poses.append(poses[-1] @ (unseen if k < 26 else step))
-    scans = [seen(k, pose, trees, 0.5 if 16 <= k < 26 else 12.0) for k, pose in enumerate(poses)]
-    steps, _ = followed(FastSettings(), scans)
-    assert np.hypot(*errors(steps, poses)[25, :2]) > 0.4
-    assert np.abs(errors(steps, poses)[26:, :2]).max() < 0.02
-    speeds = np.array([each.motion.pose.x for each in steps[27:]])
-    assert speeds[0] == pytest.approx(step.x + 1.5 * 0.5 / 11, abs=0.01)
-    np.testing.assert_allclose(speeds[1:], step.x, atol=0.01)
-
-
-def test_one_landmark_tells_more_than_the_motion_alone() -> None:
-    """BEST fuses the single match that the closed form cannot use."""
-    tree = START.transform(np.array([[6.0, 2.0]]))
-    poses = arc(2)
-    scans = [seen(k, pose, tree) for k, pose in enumerate(poses)]
-    steps, _ = followed(BEST, scans)
-    assert steps[1].closed_form == NoEstimate(NoEstimateReason.TOO_FEW_MATCHES)
-    np.testing.assert_array_equal(steps[1].landmark_ids, [0])
-    assert np.linalg.det(steps[1].map_T_base.covariance) < np.linalg.det(steps[1].motion.covariance)
-    stands = START.between(poses[1])
-    off = np.hypot(*errors(steps, poses)[1, :2])
-    assert off < 0.7 * np.hypot(stands.x, stands.y)
-
-
-def test_a_speed_that_one_landmark_alone_showed_is_no_known_speed() -> None:
-    """It may have turned before it as well as driven past; the tracker goes on with what it has."""
-    poses, tree = arc(24), START.transform(np.array([[4.0, 5.0]]))
-    scans = [seen(k, pose, stand() if k > 11 else tree) for k, pose in enumerate(poses)]
-    steps, _ = followed(BEST, scans)
-    sigmas = np.sqrt([step.motion.covariance[0, 0] for step in steps[1:]])
-    noise = MotionNoise()
-    assert (sigmas[:12] > noise.unknown_speed * SCAN_NS * 1e-9).all()
-    assert sigmas[-1] == pytest.approx(noise.floor_m + noise.acceleration * (SCAN_NS * 1e-9) ** 2)
-    assert all(np.hypot(*(step.motion.pose.as_array()[:2])) > 0.05 for step in steps[2:12])
 
 
 def test_a_match_that_contradicts_all_others_is_left_out() -> None:
@@ -429,38 +287,6 @@ def test_where_too_little_is_seen_to_find_a_place_it_goes_on_as_usual() -> None:
     known = {i for step in steps[:20] for i in step.landmark_ids.tolist()}
     assert known.issuperset(steps[20].landmark_ids.tolist())
     assert steps[20].motion.covariance[0, 0] < 1.0 < steps[19].motion.covariance[0, 0]
-
-
-def test_the_motion_is_the_last_movement_once_more() -> None:
-    poses, trees = arc(40), stand()
-    kept = [k for k in range(40) if k not in (20, 21)]
-    steps, _ = followed(BEST, [seen(k, poses[k], trees) for k in kept])
-    noise = MotionNoise(BEST.acceleration, BEST.angular_acceleration)
-    assert steps[0].motion.pose == steps[1].motion.pose == Pose2()
-    for before, last, now in zip(steps, steps[1:], steps[2:], strict=False):
-        moved = before.map_T_base.pose.between(last.map_T_base.pose)
-        spans = np.diff([step.stamp_ns for step in (before, last, now)]) * 1e-9
-        expected = constant_motion(moved, spans[0], spans[1], noise)
-        np.testing.assert_allclose(now.motion.pose.as_array(), expected.pose.as_array(), atol=1e-12)
-        np.testing.assert_allclose(now.motion.covariance, expected.covariance, rtol=1e-9)
-
-
-def test_the_motion_is_that_of_the_wheels_where_there_are_any() -> None:
-    poses, trees = arc(10), stand()
-    wheels = exact_wheels(poses)
-    steps, _ = followed(BEST, [seen(k, pose, trees) for k, pose in enumerate(poses)], wheels)
-    assert all(step.motion is wheel for step, wheel in zip(steps, wheels, strict=True))
-
-
-def test_wheels_that_are_off_are_corrected_within_the_search_radius() -> None:
-    poses, trees = arc(60), stand()
-    wheels = exact_wheels(poses)
-    off = Pose2(0.4, -0.3, 0.06)
-    wheels[30] = UncertainPose2(wheels[30].pose @ off, np.diag([0.5**2, 0.5**2, 0.1**2]))
-    steps, _ = followed(BEST, [seen(k, pose, trees) for k, pose in enumerate(poses)], wheels)
-    after = steps[30].map_T_base.pose.between(poses[30])
-    assert math.hypot(after.x, after.y) < 0.01
-    assert abs(wrap_angle(after.theta)) < 0.002
 
 
 @pytest.mark.parametrize(
