@@ -11,7 +11,8 @@ from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
 from semgraph.graph.factors import ROBUST_CHI2, Sighting, check_definite, check_sighting
 from semgraph.graph.graph_covariances import GraphCovariances
 from semgraph.graph.graph_log import Sighted
-from semgraph.graph.graph_solver import JUMP_M, GraphEstimate, GraphSolver, Snapshot
+from semgraph.graph.graph_solver import JUMP_M, GraphSolver
+from semgraph.graph.graph_states import GraphEstimate, Snapshot
 from semgraph.graph.strays import Likeness, of_neighbours, strays, taken_for_each_other
 from semgraph.graph.windows import NONE
 from semgraph.measurement_model import misfits2

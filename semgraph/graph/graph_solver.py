@@ -6,7 +6,6 @@ the longer the run the more. Poses that lie back are condensed, window by window
 """
 
 import itertools
-from dataclasses import dataclass, field
 from typing import Final, final
 
 import numpy as np
@@ -23,8 +22,9 @@ from semgraph.graph.factors import (
     sighting_factor,
 )
 from semgraph.graph.graph_log import GraphLog
+from semgraph.graph.graph_states import AllSlots, GraphEstimate, Snapshot
 from semgraph.graph.growing import Growing
-from semgraph.graph.incremental import Front, Incremental, Slots, UpdateError, Values
+from semgraph.graph.incremental import Front, Incremental, UpdateError, Values
 from semgraph.graph.windows import NONE, Window, Windows
 from semgraph.point_grid import PointGrid
 
@@ -41,53 +41,6 @@ _LONG_WINDOWS: Final = 200
 _SETTLING: Final = 25
 # After so many failed updates by Cholesky the rest is done by QR.
 _FAILURES: Final = 3
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class GraphEstimate:
-    """All variables at one moment.
-
-    Attributes:
-        map_T_bases: (n, 3), row k is pose k.
-        map_t_landmarks: position (2,) by landmark.
-    """
-
-    map_T_bases: FloatArray
-    map_t_landmarks: dict[int, FloatArray]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _AllSlots:
-    """Where everything is in iSAM2."""
-
-    prior: Slots = field(default_factory=Slots)
-    motions: Slots = field(default_factory=Slots)
-    sightings: Slots = field(default_factory=Slots)
-    windows: Slots = field(default_factory=Slots)
-
-    def copy(self) -> "_AllSlots":
-        """As they are now."""
-        return _AllSlots(
-            self.prior.copy(), self.motions.copy(), self.sightings.copy(), self.windows.copy()
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Snapshot:
-    """A graph with nothing waiting, to go back to.
-
-    Attributes:
-        estimate: where everything is.
-        isam, slots: copies.
-        landmarks: (m,) of each sighting, as the log has them.
-        num_windows: that were condensed.
-    """
-
-    estimate: GraphEstimate
-    isam: Incremental
-    slots: _AllSlots
-    landmarks: IntArray
-    num_windows: int
 
 
 @final
@@ -108,7 +61,7 @@ class GraphSolver:
         self.log = GraphLog(map_T_start)
         self.windows = Windows(self.log, window_poses)
         self.isam = Incremental()
-        self.slots = _AllSlots()
+        self.slots = AllSlots()
         self.firm: list[int] = []
         self.places = PointGrid(_CELL_M)
         self.incidents: list[str] = []
@@ -245,7 +198,7 @@ class GraphSolver:
         """The same, with what is condensed as it is."""
         self.estimate()
         kept = self.isam, self.slots
-        self.isam, self.slots = Incremental(self.isam.factorization), _AllSlots()
+        self.isam, self.slots = Incremental(self.isam.factorization), AllSlots()
         try:
             self._add_all()
             self._take(self.isam.go_to_optimum())
@@ -352,7 +305,7 @@ class GraphSolver:
         """
         old = self.isam, self.slots
         for factorization in dict.fromkeys((old[0].factorization, "QR")):
-            self.isam, self.slots = Incremental(factorization), _AllSlots()
+            self.isam, self.slots = Incremental(factorization), AllSlots()
             self._add_all()
             try:
                 self.isam.update()

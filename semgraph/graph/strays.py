@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.graph.graph_log import NOWHERE, GraphLog
-from semgraph.graph.graph_solver import GraphEstimate
+from semgraph.graph.graph_states import GraphEstimate
 from semgraph.measurement_model import CHI2_2DOF_999, diameter_log_likelihoods, misfits2
 
 _LEAST_OF_A_TRACK: Final = 2
