@@ -55,7 +55,7 @@ def _bar(console: "Console", unit: str) -> "Progress":
     )
 
     return Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TaskProgressColumn(show_speed=True),
         TextColumn(f"{{task.completed}}/{{task.total}} {unit}, {{task.fields[rate]:.3g}}/s"),

@@ -18,6 +18,7 @@ from evaluation.figures.style import (
     Compared,
     broken_at_gaps,
     draw_ellipses,
+    ellipses_label,
     notes_on_reference,
     plain,
     rmse_text,
@@ -182,13 +183,13 @@ def _draw_landmarks(axes: "Axes", landmarks: Sequence[Landmark]) -> None:
             continue
         points = _positions(of_kind)
         covariances = np.array([landmark.covariance for landmark in of_kind])
-        draw_ellipses(axes, points, covariances, KIND_COLOURS[kind])
+        left_out = draw_ellipses(axes, points, covariances, KIND_COLOURS[kind])
         axes.plot(
             *points.T,
             _KIND_SHAPES[kind],
             color=KIND_COLOURS[kind],
             markersize=_marker_size(len(landmarks)),
-            label=f"{kind.label} with 95 % ellipse ({len(of_kind)})",
+            label=ellipses_label(kind.label, len(of_kind), left_out),
             zorder=4,
         )
 

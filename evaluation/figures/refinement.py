@@ -15,6 +15,7 @@ from evaluation.figures.style import (
     TOP,
     broken_at_gaps,
     draw_ellipses,
+    ellipses_label,
     plain,
     save,
     title,
@@ -75,8 +76,8 @@ def _draw_landmarks(axes: "Axes", refinement: Refinement) -> None:
         if of_kind:
             points = np.array([each.map_t_landmark for each in of_kind])
             covariances = np.array([each.covariance for each in of_kind])
-            draw_ellipses(axes, points, covariances, KIND_COLOURS[kind])
-            label = f"{kind.label} with 95 % ellipse ({len(of_kind)})"
+            left_out = draw_ellipses(axes, points, covariances, KIND_COLOURS[kind])
+            label = ellipses_label(kind.label, len(of_kind), left_out)
             axes.plot(*points.T, ".", color=KIND_COLOURS[kind], markersize=3.0, label=label)
 
 

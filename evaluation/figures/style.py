@@ -25,6 +25,9 @@ KIND_COLOURS = {Kind.TREE: "#009E73", Kind.ROCK: "#56B4E9", Kind.MARKER: "#CC79A
 # sqrt of the 95 % point of chi-square with 2 degrees of freedom.
 ELLIPSE_SIGMAS = float(np.sqrt(-2.0 * np.log(0.05)))
 
+# Ellipses up to this width are drawn, however near to each other the points are.
+_LEAST_SPAN_M = 20.0
+
 # Inches around the axes.
 LEFT, BOTTOM, TOP = 0.8, 0.65, 0.95
 
@@ -43,19 +46,26 @@ def plain(axes: "Axes") -> None:
     axes.tick_params(colors=INK, labelsize=9)
 
 
-def draw_ellipses(axes: "Axes", points: FloatArray, covariances: FloatArray, colour: str) -> None:
-    """Draws the 95 % ellipses of points (n, 2) with covariances (n, 2, 2)."""
+def draw_ellipses(axes: "Axes", points: FloatArray, covariances: FloatArray, colour: str) -> int:
+    """Draws the 95 % ellipses of points (n, 2) with covariances (n, 2, 2).
+
+    Those wider than all that the points span would hide everything and are left out.
+
+    Returns:
+        how many are left out.
+    """
     from matplotlib.collections import EllipseCollection
 
     values, vectors = np.linalg.eigh(covariances)
     axes_m = 2.0 * ELLIPSE_SIGMAS * np.sqrt(np.maximum(values, 0.0))
     angles = np.degrees(np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1]))
+    fits = axes_m[:, 1] <= float(np.ptp(points, axis=0).max()) + _LEAST_SPAN_M
     ellipses = EllipseCollection(
-        axes_m[:, 1],
-        axes_m[:, 0],
-        angles,
+        axes_m[fits, 1],
+        axes_m[fits, 0],
+        angles[fits],
         units="xy",
-        offsets=points,
+        offsets=points[fits],
         offset_transform=axes.transData,
         facecolors=colour + "2E",
         edgecolors=colour,
@@ -63,6 +73,14 @@ def draw_ellipses(axes: "Axes", points: FloatArray, covariances: FloatArray, col
         zorder=3,
     )
     axes.add_collection(ellipses)
+    return int(np.count_nonzero(~fits))
+
+
+def ellipses_label(what: str, num_points: int, num_left_out: int) -> str:
+    """For a legend, with what `draw_ellipses` returned."""
+    if num_left_out:
+        return f"{what} ({num_points}), {num_left_out} with a 95 % ellipse wider than the map"
+    return f"{what} with 95 % ellipse ({num_points})"
 
 
 def time_panels(labels: Sequence[str]) -> tuple["Figure", list["Axes"]]:

@@ -36,8 +36,6 @@ def call_baseline(parsed: argparse.Namespace) -> None:
     from semgraph.one_thread import use_one_thread
 
     use_one_thread()
-    from rich.console import Console
-
     from evaluation.regression import (
         BASELINE_JSON,
         baseline_trials,
@@ -48,12 +46,13 @@ def call_baseline(parsed: argparse.Namespace) -> None:
         update,
     )
     from evaluation.studies.execution import Execution
+    from semgraph.command_line.terminal import terminal
     from semgraph.errors import InputError, SemgraphError
     from semgraph.progress import progress
 
     if parsed.worse_too and not parsed.update:
         raise InputError("--worse-too: expected --update with it")
-    console, path = Console(soft_wrap=True), parsed.file or BASELINE_JSON
+    console, path = terminal(), parsed.file or BASELINE_JSON
     trials = baseline_trials()
     how = Execution(os.cpu_count() or 1 if parsed.workers is None else parsed.workers)
     with progress(console, "baseline", len(trials), "trials") as report:
@@ -63,7 +62,7 @@ def call_baseline(parsed: argparse.Namespace) -> None:
     else:
         verdicts = held_against(path, now)
     for line in told(verdicts):
-        console.print(line, markup=False, highlight=False)
+        console.print(line, highlight=False)
     failed = () if parsed.worse_too else failures(verdicts)
     if failed:
         raise SemgraphError(f"{len(failed)} figures are not as good as in {path}, see above")

@@ -33,17 +33,16 @@ def call_bench_all(parsed: argparse.Namespace) -> None:
     """
     from datetime import datetime
 
-    from rich.console import Console
-
     from evaluation.benches.bench import bench, chosen
     from evaluation.benches.bench_all import all_sections
     from semgraph.command_line.commands import RESULTS
+    from semgraph.command_line.terminal import terminal
     from semgraph.files import staging
 
     # Without `all` there are no arguments of its own.
     given = {**dict.fromkeys(("seeds", "data", "only", "output")), **vars(parsed)}
     sections = all_sections(given["data"] or DATA, given["seeds"])
     folder = given["output"] or staging.new_results_folder(RESULTS, datetime.now().astimezone())
-    console = Console(soft_wrap=True)
+    console = terminal()
     bench(console, "bench", chosen(sections, given["only"] or []), None, folder)
     console.print(f"written: {folder}")

@@ -16,6 +16,7 @@ from evaluation.truth_files import read_truth, write_truth
 from semgraph import pipeline, results, viewer
 from semgraph.beside.online import OnlineSmoother
 from semgraph.command_line import explaining
+from semgraph.command_line.terminal import terminal
 from semgraph.detecting import Effort, Efforts, write_detections
 from semgraph.errors import InputError, SemgraphError
 from semgraph.estimates import Trajectory
@@ -63,7 +64,7 @@ def run(
         SemgraphError: anything that a user can put right; the graph was lost on the way (then the
             results are written without it).
     """
-    console = Console(soft_wrap=True)
+    console = terminal()
     settings = load_settings(settings_file, assignments)
     with console.status(f"reading {source}"):
         opened = open_source(source, settings.source)
@@ -110,7 +111,7 @@ def simulate(source: str, folder: Path, assignments: Sequence[str]) -> None:
     Raises:
         SemgraphError: no such source or option, or the folder holds something already.
     """
-    console = Console(soft_wrap=True)
+    console = terminal()
     settings = load_settings(None, assignments)
     with console.status(f"simulating {source}"):
         opened = open_source(source, settings.source)
@@ -125,7 +126,7 @@ def demo(output: Path | None) -> None:
 
 def evaluate(folder: Path) -> None:
     """Prints and writes the metrics of a run again, from its files."""
-    console = Console(soft_wrap=True)
+    console = terminal()
     with console.status(f"judging {folder}"):
         metrics = evaluate_folder(folder)
     table = Table("metric", "value", "unit", "better")
@@ -136,16 +137,16 @@ def evaluate(folder: Path) -> None:
 
 def explain(folder: Path, landmark: int | None) -> None:
     """Prints what a run decided of its landmarks, when and why."""
-    console = Console(soft_wrap=True)
+    console = terminal()
     for line in explaining.explain(results.read(folder), landmark):
-        console.print(line, markup=False, highlight=False)
+        console.print(line, highlight=False)
 
 
 def compare(first: Path, second: Path) -> None:
     """Prints how far apart the smoothed trajectories of two runs of one recording are."""
     one, other = results.read(first), results.read(second)
     difference_m = trajectory_difference(one.smoothed, other.smoothed)
-    Console(soft_wrap=True).print(
+    terminal().print(
         f"smoothed trajectories, rigidly aligned, RMSE of the difference: {difference_m:.3f} m; "
         f"landmarks: {len(one.landmarks)} and {len(other.landmarks)}"
     )
@@ -167,7 +168,7 @@ def refine(
     """
     from evaluation.figures.refinement import draw_refinement
 
-    console = Console(soft_wrap=True)
+    console = terminal()
     settings = load_settings(settings_file, assignments)
     prior = read_prior_map(prior_file, map_sigma_m) if prior_file is not None else None
     sessions = [_session(console, source, settings) for source in sources]
@@ -230,7 +231,7 @@ def detect(
     """
     from evaluation.figures import draw_detections
 
-    console = Console(soft_wrap=True)
+    console = terminal()
     settings = load_settings(settings_file, assignments)
     with console.status(f"reading {source}"):
         recording = open_source(source, settings.source).recording
@@ -307,7 +308,7 @@ def _bench(
     from evaluation.benches.bench import bench
 
     folder = output or staging.new_results_folder(RESULTS, datetime.now().astimezone())
-    console = Console(soft_wrap=True)
+    console = terminal()
     bench(console, name, sections, seeds, folder)
     console.print(f"written: {folder}")
 

@@ -13,6 +13,7 @@ from evaluation.report import evaluate_folder
 from evaluation.truth_files import write_truth
 from semgraph import localization, results, viewer
 from semgraph.command_line.commands import RESULTS, RUN_RRD, effective_settings
+from semgraph.command_line.terminal import terminal
 from semgraph.files import staging
 from semgraph.given_maps import read_given_map
 from semgraph.localizer import Estimator, start_of
@@ -45,7 +46,7 @@ def localize(
     Raises:
         SemgraphError: anything that a user can put right.
     """
-    console = Console(soft_wrap=True)
+    console = terminal()
     settings = load_settings(settings_file, assignments)
     with console.status(f"reading {source} and {map_file}"):
         opened = open_source(source, settings.source)

@@ -18,11 +18,10 @@ def call_report(parsed: argparse.Namespace) -> None:
     Raises:
         SemgraphError: the folder is not a study's, its files are damaged, or it cannot be written.
     """
-    from rich.console import Console
-
     from evaluation.study_report.report import write_report
+    from semgraph.command_line.terminal import terminal
 
-    console = Console(soft_wrap=True)
+    console = terminal()
     with console.status(f"writing the report of {parsed.folder}"):
         path = write_report(parsed.folder)
-    console.print(f"written: {path}, look at it in a browser", markup=False)
+    console.print(f"written: {path}, look at it in a browser")

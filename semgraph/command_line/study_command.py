@@ -19,6 +19,7 @@ from evaluation.studies.study_file import Plan, plan_study, read_study
 from evaluation.studies.trial import Outcome, Status, Trial
 from evaluation.studies.trial_process import measure_named
 from evaluation.study_report.report import write_report
+from semgraph.command_line.terminal import terminal
 from semgraph.errors import InputError
 from semgraph.progress import progress
 
@@ -62,7 +63,7 @@ def study(request: StudyRequest) -> None:
     Raises:
         SemgraphError: anything that a user can put right.
     """
-    console = Console(soft_wrap=True, markup=False)
+    console = terminal()
     plan = plan_study(read_study(request.place), request.data, request.seeds)
     check_trials(plan.trials)
     if request.trial is not None:

@@ -106,6 +106,20 @@ def test_ellipses_lie_along_their_covariances_and_hold_95_percent() -> None:
     assert widths > heights
 
 
+def test_an_ellipse_wider_than_the_map_hides_nothing_and_is_told() -> None:
+    _, axes = _map_axes(np.full(2, -100.0), np.full(2, 100.0))
+    places, sigmas_m = (np.zeros(2), np.full(2, 50.0), np.full(2, -50.0)), (0.1, 30.0, 0.1)
+    trees = [
+        Landmark(k, semantic_object(Kind.TREE), place, sigma_m**2 * np.eye(2), 3, 1.0)
+        for k, (place, sigma_m) in enumerate(zip(places, sigmas_m, strict=True))
+    ]
+    _draw_landmarks(axes, trees)
+    (ellipses,) = axes.collections
+    assert len(np.asarray(ellipses.get_offsets())) == 2
+    (label,) = axes.get_legend_handles_labels()[1]
+    assert label == "tree (3), 1 with a 95 % ellipse wider than the map"
+
+
 def test_lines_break_where_nothing_was_known() -> None:
     stamps_ns = np.array([0, 1, 2, 6, 7]) * 1_000_000_000
     broken = broken_at_gaps(stamps_ns, np.arange(10.0).reshape(5, 2))
