@@ -79,7 +79,7 @@ def draw_ellipses(axes: "Axes", points: FloatArray, covariances: FloatArray, col
 def ellipses_label(what: str, num_points: int, num_left_out: int) -> str:
     """For a legend, with what `draw_ellipses` returned."""
     if num_left_out:
-        return f"{what} ({num_points}),\n{num_left_out} with a 95 % ellipse wider than the map"
+        return f"{what} ({num_points}),\n{num_left_out} with too wide an ellipse"
     return f"{what} with 95 % ellipse ({num_points})"
 
 

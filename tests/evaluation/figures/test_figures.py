@@ -117,7 +117,7 @@ def test_an_ellipse_wider_than_the_map_hides_nothing_and_is_told() -> None:
     (ellipses,) = axes.collections
     assert len(np.asarray(ellipses.get_offsets())) == 2
     (label,) = axes.get_legend_handles_labels()[1]
-    assert label == "tree (3),\n1 with a 95 % ellipse wider than the map"
+    assert label == "tree (3),\n1 with too wide an ellipse"
 
 
 def test_lines_break_where_nothing_was_known() -> None:
