@@ -7,6 +7,7 @@ import logging
 import os
 import secrets
 import time
+from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -106,19 +107,24 @@ def _on_cluster(trials: Sequence[Trial], how: Execution) -> Generator[bytes, Non
 def _lines(client: "Client", trials: Sequence[Trial], how: Execution) -> Iterator[bytes]:
     """The outcomes; trials whose workers ended come again, one by one and last.
 
-    Dask blames a worker's end on all trials that were waiting for it too.
+    Dask blames a worker's end on all trials that were waiting for it too, and what a worker takes
+    with it that had finished already it runs again without a word.
     """
-    from distributed import KilledWorker
-
-    suspects = []
-    for trial, future in _completed(client, trials, partial(_submitted, client, how)):
-        if isinstance(future.exception(), KilledWorker):
+    submit = partial(_submitted, client, how)
+    suspects = deque[Trial]()
+    for trial, future in _completed(client, trials, submit):
+        line = None if _was_killed(future) else _line(trial, future)
+        if line is None:
             suspects.append(trial)
         else:
-            yield _line(trial, future)
-    for suspect in suspects:
-        for trial, future in _completed(client, [suspect], partial(_submitted, client, how)):
-            yield _line(trial, future)
+            yield line
+    while suspects:
+        for trial, future in _completed(client, [suspects.popleft()], submit):
+            line = _line(trial, future)
+            if line is None:
+                suspects.append(trial)
+            else:
+                yield line
 
 
 def _completed(
@@ -181,17 +187,30 @@ def _submitted(client: "Client", how: Execution, trial: Trial) -> "Future":
     return client.submit(run_trial, trial, how.measure, how.limits, key=key, pure=False)
 
 
-def _line(trial: Trial, future: "Future") -> bytes:
-    """The outcome that a future brings, or why it brings none."""
+def _was_killed(future: "Future") -> bool:
+    """Whether workers ended while they ran it, or it waited for them."""
     from distributed import KilledWorker
 
-    error = future.exception()
-    if error is None:
-        return bytes(future.result())
+    return isinstance(_error(future), KilledWorker)
+
+
+def _line(trial: Trial, future: "Future") -> bytes | None:
+    """The outcome that a future brings, or why it has none; None if its worker took that along."""
+    try:
+        error = _error(future)
+        if error is None:
+            return bytes(future.result(_PATIENCE_S))
+    except TimeoutError:
+        return None
     reason = f"its worker could not run it: {type(error).__name__}: {error}"
-    if isinstance(error, KilledWorker):
+    if _was_killed(future):
         reason = "every worker that ran it ended, even when nothing else ran"
     return outcome_line(Outcome(trial, Status.FAILED, reason))
+
+
+def _error(future: "Future") -> BaseException | None:
+    error: BaseException | None = future.exception(_PATIENCE_S)
+    return error
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from distributed import Client, wait
 
 from evaluation.studies import execution
 from evaluation.studies.execution import Execution, Tls, outcome_lines, run_alone
@@ -192,6 +193,17 @@ def test_over_tls_strangers_are_kept_out_and_a_cluster_without_workers_is_said(
             list(lines)
         with pytest.raises(SemgraphError, match="has no workers; start some with: dask worker"):
             list(outcome_lines(PLAN.trials, how))
+
+
+def test_a_result_that_its_worker_took_along_is_not_waited_for_without_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(execution, "_PATIENCE_S", 1.0)
+    with cluster(tmp_path, 1) as (address, _, workers), Client(address) as client:
+        future = execution._submitted(client, Execution(measure=MEASURE), trial())
+        wait(future)
+        kill_tree(workers[0].pid)
+        assert execution._line(trial(), future) is None
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere"])
