@@ -49,15 +49,28 @@ class Condensed:
     Attributes:
         first_T_last: (3,) mean.
         first_t_things: (n, 2) mean.
-        root: (3 + 2n, 3 + 2n) root^T root is the information of their errors: of the last pose in
-            its own frame, of things in the first's. In 32 bit: rounding is 1e-4 sigma.
+        triangle: rows of `root` from the diagonal on. In 32 bit: rounding is 1e-4 sigma.
         first_T_between: (m - 1, 3) the poses given up.
     """
 
     first_T_last: FloatArray
     first_t_things: FloatArray
-    root: NDArray[np.float32]
+    triangle: NDArray[np.float32]
     first_T_between: NDArray[np.float32]
+
+    @property
+    def size(self) -> int:
+        """Of the errors."""
+        return 3 + 2 * len(self.first_t_things)
+
+    def root(self) -> FloatArray:
+        """(3 + 2n, 3 + 2n) root^T root is the information of their errors.
+
+        Of the last pose in its own frame, of things in the first's.
+        """
+        root = np.zeros((self.size, self.size))
+        root[~np.tri(self.size, k=-1, dtype=np.bool_)] = self.triangle
+        return root
 
 
 def condense(stretch: Stretch) -> Condensed:
@@ -94,7 +107,7 @@ def condense(stretch: Stretch) -> Condensed:
     return Condensed(
         composed_poses(first_T_bases[-1:], shift[None, :3])[0],
         first_t_things + shift[3:].reshape(n, 2),
-        (root * scale[inner:]).astype(np.float32),
+        (root * scale[inner:])[~np.tri(len(root), k=-1, dtype=np.bool_)].astype(np.float32),
         composed_poses(first_T_bases[1:-1], between).astype(np.float32),
     )
 
@@ -125,7 +138,7 @@ def whitened_errors(
     first_T_last = relative_poses(map_T_first[None], map_T_last[None])
     off = relative_poses(condensed.first_T_last[None], first_T_last)
     errors = np.concatenate([off[0], (first_t - condensed.first_t_things).ravel()])
-    whitened: FloatArray = condensed.root.astype(np.float64) @ errors
+    whitened: FloatArray = condensed.root() @ errors
     return whitened
 
 
@@ -143,7 +156,7 @@ def linearized(
     first_t = _inverse_transform(map_T_first, map_t_things)
     first_T_last = relative_poses(map_T_first[None], map_T_last[None])
     off = relative_poses(condensed.first_T_last[None], first_T_last)
-    root = condensed.root.astype(np.float64)
+    root = condensed.root()
     by_last = root[:, :3] @ _turned(off[:, 2])[0]
     of_things = root[:, 3:].reshape(len(root), -1, 2)
     by_first = -by_last @ adjoints_of_inverse(first_T_last)[0]

@@ -118,7 +118,7 @@ class FactorGraph:
         if self._solver.windows.of_motion(sighting.pose) != NONE:
             raise GraphError(f"sighting from pose {sighting.pose}: that is condensed already")
         check_sighting(sighting)
-        self._solver.add_sighting(self._solver.log.add_sighting(sighting), sighting)
+        self._solver.add_sighting(sighting)
 
     def merge(self, gone: int, kept: int) -> None:
         """Makes two landmarks one with the next update: sightings of `gone` become `kept`'s.
@@ -182,7 +182,7 @@ class FactorGraph:
         self._solver.forget(landmark)
         for number in numbers:
             first, last = windows[number].first, windows[number].last
-            rows = np.array(self._solver.log.known(windows[number].rows.tolist()), dtype=np.int64)
+            rows = self._solver.log.rows_of_poses(first + 1, last)
             try:
                 windows.replace(number, *self._solver.condense(first, last, rows))
             except GraphError as error:
@@ -211,11 +211,16 @@ class FactorGraph:
         """
         return self._solver.isam.cost()
 
-    def checkpoint(self) -> Checkpoint:
+    def checkpoint(self, landmarks: Sequence[int] | None = None) -> Checkpoint:
         """Where everything is now, to go back to if what comes next turns out wrong.
 
         Takes in what waits for an update.
+
+        Args:
+            landmarks: of which nothing must rest, for then costs could not be compared; None for
+                all.
         """
+        self._solver.wake(landmarks)
         snapshot = self._solver.snapshot()
         self._covariances.forget()
         return Checkpoint(self.cost(), snapshot)
@@ -337,6 +342,11 @@ class FactorGraph:
         self._solver.settle()
         self._covariances.forget()
 
+    def knit(self) -> None:
+        """Solves the whole graph if what was solved alone has moved off from what rests."""
+        self._solver.knit()
+        self._covariances.forget()
+
     def pose(self, index: int) -> Pose2:
         """map_T_base of one pose as of the last update."""
         return self._solver.pose(index)
@@ -416,7 +426,7 @@ class FactorGraph:
         return misfits2(
             self.poses(log.poses[rows]),
             np.tile(place, (len(rows), 1)),
-            log.polar[rows],
+            log.polar(rows),
             log.covariances(rows),
         )
 

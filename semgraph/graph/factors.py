@@ -1,6 +1,7 @@
 """What the graph is made of: odometry and sightings, as values and as GTSAM's factors."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Final, Self
 
 import gtsam
@@ -19,6 +20,9 @@ from semgraph.landmarks import Perceptions
 ROBUST_CHI2: Final = 13.8155
 _KERNEL: Final = gtsam.noiseModel.mEstimator.DCS.Create(ROBUST_CHI2)
 _LEAST_RANGE_M: Final = 1e-3
+# How stiffly what rests holds the rest: about as sure as things near each other are of each other.
+_HELD_M: Final = 0.01
+_HELD_RAD: Final = 0.001
 _LEAST_RELIABILITY: Final = 0.05
 
 
@@ -69,6 +73,23 @@ class Odometry:
     motion: UncertainPose2
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Hold:
+    """What holds poses and landmarks in the map: where one pose is, and the others beside it.
+
+    Attributes:
+        anchor: that pose.
+        map_T_anchor: as surely as it is known.
+        anchor_T_poses: of others, held stiffly.
+        anchor_t_landmarks: (2,) the same.
+    """
+
+    anchor: int
+    map_T_anchor: UncertainPose2
+    anchor_T_poses: Mapping[int, Pose2] = field(default_factory=dict)
+    anchor_t_landmarks: Mapping[int, FloatArray] = field(default_factory=dict)
+
+
 def pose_key(pose: int) -> int:
     """What GTSAM calls a pose."""
     return int(X(pose))
@@ -109,10 +130,24 @@ def check_definite(name: str, covariance: FloatArray) -> None:
         raise GraphError(f"{name}: expected a positive definite covariance") from None
 
 
-def prior_factor(map_T_start: UncertainPose2) -> gtsam.PriorFactorPose2:
-    """Where the start is."""
-    noise = gtsam.noiseModel.Gaussian.Covariance(map_T_start.covariance)
-    return gtsam.PriorFactorPose2(X(0), to_gtsam(map_T_start.pose), noise)
+def prior_factor(map_T_pose: UncertainPose2, pose: int = 0) -> gtsam.PriorFactorPose2:
+    """Where a pose is, the start if not said otherwise."""
+    noise = gtsam.noiseModel.Gaussian.Covariance(map_T_pose.covariance)
+    return gtsam.PriorFactorPose2(X(pose), to_gtsam(map_T_pose.pose), noise)
+
+
+def hold_factors(hold: Hold) -> Iterator[gtsam.NonlinearFactor]:
+    """All that it is made of."""
+    yield prior_factor(hold.map_T_anchor, hold.anchor)
+    stiff = gtsam.noiseModel.Diagonal.Sigmas(np.array([_HELD_M, _HELD_M, _HELD_RAD]))
+    for pose, anchor_T_pose in hold.anchor_T_poses.items():
+        yield gtsam.BetweenFactorPose2(X(hold.anchor), X(pose), to_gtsam(anchor_T_pose), stiff)
+    for landmark, (x, y) in hold.anchor_t_landmarks.items():
+        range_m = max(float(np.hypot(x, y)), _LEAST_RANGE_M)
+        sigmas = np.array([_HELD_M / range_m, _HELD_M])
+        bearing = gtsam.Rot2(float(np.arctan2(y, x)))
+        noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+        yield gtsam.BearingRangeFactor2D(X(hold.anchor), L(landmark), bearing, range_m, noise)
 
 
 def odometry_factor(odometry: Odometry) -> gtsam.BetweenFactorPose2:
@@ -168,7 +203,7 @@ def condensed_factor(
     """
     names, columns = np.unique(landmarks, return_inverse=True)
     keys = [X(first), X(last), *(L(name) for name in names.tolist())]
-    noise = gtsam.noiseModel.Unit.Create(len(condensed.root))
+    noise = gtsam.noiseModel.Unit.Create(condensed.size)
     is_each_own = np.array_equal(names, landmarks)
 
     def error(

@@ -44,6 +44,8 @@ class GraphCovariances:
 
     def of_landmarks_together(self, landmarks: Sequence[int]) -> FloatArray:
         """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
+        if self._solver.bring(landmarks):
+            self.forget()
         return self.joint([landmark_key(landmark) for landmark in landmarks])
 
     def around(self, landmarks: Sequence[int], around: Iterable[int]) -> FloatArray:
@@ -98,6 +100,7 @@ class GraphCovariances:
         if index not in self._of_poses:
             self._uncondense([index])
             self._of_poses[index] = self.joint([pose_key(index)])
+            self._solver.note_covariance(index, self._of_poses[index])
         return self._of_poses[index]
 
     def of_poses(self, indices: Sequence[int]) -> FloatArray:
@@ -145,7 +148,7 @@ class GraphCovariances:
             self._places(landmarks),
             log.poses[rows],
             things,
-            log.polar[rows],
+            log.polar(rows),
             log.covariances(rows),
             log.common_shares[rows].astype(np.float64),
         )

@@ -1,7 +1,6 @@
 """All that was ever added to a graph, as numbers: what it is built from again when it must be."""
 
 from array import array
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -42,15 +41,15 @@ class Sighted:
 
 @final
 class GraphLog:
-    """Motions and sightings in the order they were added; about 70 bytes a sighting.
+    """Motions and sightings in the order they were added; about 50 bytes a sighting.
+
+    What was perceived is kept in 32 bit: rounding is a ten-millionth of it.
 
     Attributes:
         start: where pose 0 is.
         motions, motion_covariances: (n, 3) and (n, 3, 3), row k leads to pose k, row 0 to none.
         poses, tracks: (m,) of each sighting.
         landmarks: (m,) that each is of now; -1 where that was taken out.
-        polar: (m, 2) range and bearing.
-        covariances: (m, 2, 2) of those.
         common_shares: (m,) of the ranges' variances.
         diameters: (m, 2) m, perceived, and their sigmas; NaN for none.
     """
@@ -59,7 +58,7 @@ class GraphLog:
         self.start = start
         self._motions, self._motion_covariances = Growing((3,)), Growing((3, 3))
         self._poses, self._tracks, self._landmarks = (Growing((), np.int32) for _ in range(3))
-        self._polar, self._covariances = Growing((2,)), Growing((3,))
+        self._polar, self._covariances = (Growing((n,), np.float32) for n in (2, 3))
         self._common_shares = Growing((), np.float32)
         self._diameters = Growing((2,), np.float32)
         self._rows: dict[int, array[int]] = {}
@@ -99,11 +98,6 @@ class GraphLog:
         return self._landmarks.rows
 
     @property
-    def polar(self) -> FloatArray:
-        """(m, 2)."""
-        return self._polar.rows
-
-    @property
     def common_shares(self) -> FloatArray:
         """(m,)."""
         return self._common_shares.rows
@@ -113,9 +107,13 @@ class GraphLog:
         """(m, 2)."""
         return self._diameters.rows
 
+    def polar(self, rows: IntArray) -> FloatArray:
+        """(k, 2) range and bearing of some sightings."""
+        return self._polar.rows[rows].astype(np.float64)
+
     def covariances(self, rows: IntArray) -> FloatArray:
         """(k, 2, 2) of some sightings."""
-        return self._covariances.rows[rows][:, [[0, 1], [1, 2]]]
+        return self._covariances.rows[rows][:, [[0, 1], [1, 2]]].astype(np.float64)
 
     def names(self) -> tuple[int, ...]:
         """The landmarks, in the order they came."""
@@ -186,12 +184,16 @@ class GraphLog:
     def some(self, rows: IntArray) -> Sighted:
         """The sightings of some rows (k,)."""
         return Sighted(
-            self.poses[rows], self.tracks[rows], self.polar[rows], self.covariances(rows)
+            self.poses[rows], self.tracks[rows], self.polar(rows), self.covariances(rows)
         )
 
     def rows(self, landmark: int) -> IntArray:
         """(k,) of a landmark's sightings, in the order they were handed to it."""
         return np.array(self._rows[landmark], dtype=np.int64)
+
+    def first_row(self, landmark: int) -> int:
+        """Of its sightings, the one that was handed to it first."""
+        return self._rows[landmark][0]
 
     def rows_of_poses(self, first: int, last: int) -> IntArray:
         """(k,) of what was sighted from these poses and is not taken out."""
@@ -219,7 +221,3 @@ class GraphLog:
         """It is no more, and what is still a sighting of it is of nothing."""
         self.landmarks[self.rows(landmark)] = NOWHERE
         del self._rows[landmark]
-
-    def known(self, rows: Iterable[int]) -> list[int]:
-        """Of some rows, those that are sightings of something."""
-        return [row for row in rows if self.landmarks[row] != NOWHERE]

@@ -2,10 +2,12 @@
 
 iSAM2 is built from the log again when an update fails, since a failed update leaves it unusable.
 After an update only what is asked for is read: reading everything would cost more than the update,
-the longer the run the more. Poses that lie back are condensed, window by window.
+the longer the run the more. Poses that lie back are condensed, window by window; in a long run
+windows that lie far off rest.
 """
 
 import itertools
+from collections.abc import Iterable, Sequence
 from typing import Final, final
 
 import numpy as np
@@ -15,16 +17,19 @@ from semgraph.errors import GraphError
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.graph.condensation import Condensed, follow
 from semgraph.graph.factors import (
+    Hold,
     Sighting,
     condensed_factor,
+    hold_factors,
     motion_factor,
-    prior_factor,
+    pose_key,
     sighting_factor,
 )
 from semgraph.graph.graph_log import GraphLog
 from semgraph.graph.graph_states import AllSlots, GraphEstimate, Snapshot
 from semgraph.graph.growing import Growing
-from semgraph.graph.incremental import Front, Incremental, UpdateError, Values
+from semgraph.graph.incremental import Incremental, NoCovarianceError, UpdateError, Values
+from semgraph.graph.resting import Resting
 from semgraph.graph.windows import NONE, Window, Windows
 from semgraph.point_grid import PointGrid
 
@@ -32,11 +37,13 @@ from semgraph.point_grid import PointGrid
 _CELL_M: Final = 10.0
 # By so much the last pose may jump before all that was read of the graph is stale.
 JUMP_M: Final = 0.5
-# Around the last pose, how far and at most how many landmarks are kept at the Bayes tree's root.
-_FRONT_M: Final = 20.0
-_FRONT_LANDMARKS: Final = 80
-# In a shorter run paths are short, and iSAM2's own order costs less.
+# From so many windows on those far off rest.
 _LONG_WINDOWS: Final = 200
+# What is awake, in how far things are sighted: chosen so far around, and anew after so far.
+_AWAKE_RANGES: Final = 3.0
+_ANEW_RANGES: Final = 2.0
+# What is held by what rests and has moved so far tears it.
+_TORN_M: Final = 0.1
 # How often a graph that moves much is linearized again at most: it ends where nothing moves far.
 _SETTLING: Final = 25
 # After so many failed updates by Cholesky the rest is done by QR.
@@ -50,6 +57,7 @@ class GraphSolver:
     Attributes:
         log: all that was added.
         windows: what of it is condensed.
+        resting: what of that is not solved at the moment.
         isam: the rest, and the condensed.
         slots: where all of it is in there.
         firm: rows of sightings that hold without their kernel in the next update.
@@ -60,6 +68,7 @@ class GraphSolver:
     def __init__(self, map_T_start: UncertainPose2, window_poses: int) -> None:
         self.log = GraphLog(map_T_start)
         self.windows = Windows(self.log, window_poses)
+        self.resting = Resting(self.log, self.windows)
         self.isam = Incremental()
         self.slots = AllSlots()
         self.firm: list[int] = []
@@ -71,9 +80,15 @@ class GraphSolver:
         self._are_current = set[int]()
         self._last_updated = -1
         self._num_failures = 0
-        self._front_at = map_T_start.pose.as_array()[:2]
+        # Of poses that windows begin and end with, how sure they were when they were last solved.
+        self._covariances = dict[int, FloatArray]()
+        self._noted = dict[int, FloatArray]()
+        self._holds = [Hold(0, map_T_start)]
+        self._chosen_at, self._reach_m, self._asked_m = np.zeros(2), 0.0, 0.0
+        self._is_stale, self._was_woken = False, False
+        self._held_at = np.zeros((0, 2))
         self._poses.append(map_T_start.pose.as_array())
-        self.isam.add(prior_factor(map_T_start), self.slots.prior, 0)
+        self._add_holds()
         self.isam.insert_pose(0, map_T_start.pose)
 
     @property
@@ -83,8 +98,8 @@ class GraphSolver:
 
     @property
     def is_long(self) -> bool:
-        """Whether what takes time as long as the run takes too much of it."""
-        return len(self.windows) >= _LONG_WINDOWS
+        """Whether what takes time as long as what is solved takes too much of it."""
+        return len(self.resting.numbers()) >= _LONG_WINDOWS
 
     def add_pose(self, motion: UncertainPose2, guess: Pose2) -> int:
         """Its number."""
@@ -114,8 +129,14 @@ class GraphSolver:
         )
         self.isam.add(factor, self.slots.motions, pose)
 
-    def add_sighting(self, row: int, sighting: Sighting) -> None:
-        """With the next update the sighting of a row of the log is."""
+    def add_sighting(self, sighting: Sighting) -> None:
+        """With the next update it is."""
+        row = self.log.add_sighting(sighting)
+        self._is_stale |= self._rests(sighting.landmark)
+        self._add_sighting(row, sighting)
+
+    def _add_sighting(self, row: int, sighting: Sighting) -> None:
+        """The factor of a row of the log."""
         factor = sighting_factor(sighting, is_firm=row in self.firm)
         self.isam.add(factor, self.slots.sightings, row)
 
@@ -125,15 +146,32 @@ class GraphSolver:
         return [
             row
             for row, pose in zip(rows.tolist(), poses, strict=True)
-            if self.windows.of_motion(pose) == NONE
+            if self.windows.of_motion(pose) == NONE and self.resting.is_awake(pose)
         ]
+
+    def is_solved(self, landmark: int) -> bool:
+        """Whether nothing that was sighted of it rests."""
+        return self.resting.awake is None or (
+            landmark not in self.resting.held and self.isam.has_landmark(landmark)
+        )
+
+    def _rests(self, landmark: int) -> bool:
+        """Whether it is not solved, though it was sighted before what is not condensed."""
+        return (
+            self.resting.awake is not None
+            and not self.isam.has_landmark(landmark)
+            and self.log.poses[self.log.first_row(landmark)] <= self.resting.since
+        )
 
     def hand_over(self, rows: IntArray, landmark: int) -> None:
         """With the next update these are sightings of another landmark."""
+        names = [*np.unique(self.log.landmarks[rows]).tolist(), landmark]
+        old = [name for name in names if len(self.log.rows(name))]
+        self._is_stale |= not all(map(self.is_solved, old))
         self.log.hand_over(rows, landmark)
         for row in self.live(rows):
             self.isam.remove(self.slots.sightings, row)
-            self.add_sighting(row, self.log.sighting(row))
+            self._add_sighting(row, self.log.sighting(row))
 
     def update(self, *, relinearize: bool = False) -> None:
         """Takes in all that was added since the last update.
@@ -147,8 +185,11 @@ class GraphSolver:
         try:
             if not relinearize:
                 self._condense_next()
+            if self._is_stale or (not relinearize and self._is_to_choose()):
+                self.knit()
+                self._choose()
             self.add_windows()
-            self.isam.update(self._front(), relinearize=relinearize)
+            self.isam.update(relinearize=relinearize)
             self._let_go()
             self._moved_on(before)
         except UpdateError as error:
@@ -191,11 +232,12 @@ class GraphSolver:
         Nothing is condensed any more.
         """
         self.estimate()
+        self._wake()
         self.windows.clear(self.last)
         self.optimize()
 
     def optimize(self) -> None:
-        """The same, with what is condensed as it is."""
+        """The same, with what is condensed as it is, and what rests."""
         self.estimate()
         kept = self.isam, self.slots
         self.isam, self.slots = Incremental(self.isam.factorization), AllSlots()
@@ -205,17 +247,20 @@ class GraphSolver:
             self._are_current.clear()
             self.isam.update()
             self._settled()
-        except UpdateError:
-            self.rebuild()
+        except UpdateError as error:
+            self.isam, self.slots = kept
+            self._mend(error)
         except GraphError:
             self.isam, self.slots = kept
             raise
 
     def pose(self, index: int) -> Pose2:
         """map_T_base of one pose as of the last update."""
-        if self.windows.of_pose(index) == NONE:
+        if self.windows.of_pose(index) != NONE:
+            return Pose2.from_array(self.poses(np.array([index]))[0])
+        if self.resting.awake is None or self.isam.has_pose(index):
             return self.isam.pose(index)
-        return Pose2.from_array(self.poses(np.array([index]))[0])
+        return Pose2.from_array(self._poses.rows[index])
 
     def poses(self, indices: IntArray) -> FloatArray:
         """(n, 3) of some; those of one window after each other take little more than one."""
@@ -224,10 +269,10 @@ class GraphSolver:
         for number, places in itertools.groupby(range(len(indices)), numbers.__getitem__):
             rows = list(places)
             if number == NONE:
-                found[rows] = [self.isam.pose(k).as_array() for k in indices[rows].tolist()]
+                found[rows] = [self.pose(k).as_array() for k in indices[rows].tolist()]
                 continue
             window = self.windows[number]
-            first = self.isam.pose(window.first).as_array()
+            first = self.pose(window.first).as_array()
             found[rows] = follow(first, window.condensed, indices[rows] - window.first - 1)
         return found
 
@@ -261,6 +306,7 @@ class GraphSolver:
             self.slots.copy(),
             self.log.landmarks.copy(),
             len(self.windows),
+            self.resting.num_choices,
         )
 
     def go_back(self, snapshot: Snapshot) -> None:
@@ -272,6 +318,7 @@ class GraphSolver:
             len(snapshot.estimate.map_T_bases) == self.log.num_poses
             and np.array_equal(snapshot.landmarks, self.log.landmarks)
             and snapshot.num_windows == len(self.windows)
+            and snapshot.num_choices == self.resting.num_choices
         )
         if not is_same:
             self.start_from(snapshot.estimate)
@@ -284,6 +331,7 @@ class GraphSolver:
     def uncondense(self) -> None:
         """Builds the whole graph; what there is as yet is not condensed again."""
         estimate = self.estimate()
+        self._wake()
         self.windows.clear(self.last)
         self.start_from(estimate)
 
@@ -298,7 +346,7 @@ class GraphSolver:
         self.rebuild()
 
     def rebuild(self) -> None:
-        """A new iSAM2 over the whole log, at the last good estimate; by QR if it must be.
+        """A new iSAM2 over all that does not rest, at the last good estimate; by QR if it must be.
 
         Raises:
             GraphError: the log itself cannot be solved.
@@ -327,26 +375,115 @@ class GraphSolver:
         self._landmarks[landmark] = place
         self.places.put(landmark, place)
 
-    def _front(self) -> Front | None:
-        """What is around the last pose; anew every so often. None in a short run.
+    def wake(self, landmarks: Sequence[int] | None = None) -> None:
+        """Nothing that was sighted of some landmarks rests, None for all; rather all than less."""
+        if landmarks is not None and not all(map(self.is_solved, landmarks)):
+            self.bring(landmarks)
+            landmarks = landmarks if all(map(self.is_solved, landmarks)) else None
+        if landmarks is None and self.resting.awake is not None:
+            self._wake()
+            self.rebuild()
 
-        The next sightings are of that. Left to itself iSAM2 keeps only what was just sighted at the
-        root; the rest of a long run's surroundings is deep down, on long paths.
+    def bring(self, landmarks: Sequence[int]) -> bool:
+        """Whether some landmarks rested, that do not from now on."""
+        if self.resting.awake is None or all(map(self.isam.has_landmark, landmarks)):
+            return False
+        off = np.array([self._landmarks[each] for each in landmarks]) - self._chosen_at
+        self._asked_m = max(self._asked_m, float(np.hypot(*off.T).max()))
+        self._choose(landmarks)
+        self.update(relinearize=True)
+        if not all(map(self.isam.has_landmark, landmarks)):
+            self.wake()
+        return True
+
+    def knit(self) -> None:
+        """Solves the whole graph if what was solved alone has moved off from what rests."""
+        if self._is_torn():
+            self._wake()
+            self._is_current = False
+            self.rebuild()
+
+    def _is_torn(self) -> bool:
+        """Whether something has moved off from what rests."""
+        if self.resting.awake is None:
+            return False
+        poses = [pose for hold in self._holds for pose in (hold.anchor, *hold.anchor_T_poses)]
+        now = np.array([self.isam.pose(pose).as_array() for pose in poses])
+        off = now[:, :2] - self._held_at
+        return bool(np.hypot(*off.T).max() > _TORN_M)
+
+    def _wake(self) -> None:
+        """With the next graph that is built nothing rests."""
+        if self.resting.awake is not None:
+            self.estimate()
+            self.resting.wake()
+            self._holds, self._was_woken = [Hold(0, self.log.start)], True
+
+    def _is_to_choose(self) -> bool:
+        """Whether the robot has left what is awake, or nothing rests of a long run."""
+        if len(self.windows) < _LONG_WINDOWS:
+            return False
+        off_m = float(np.hypot(*(self._poses.rows[self.last, :2] - self._chosen_at)))
+        return self.resting.awake is None or off_m > _ANEW_RANGES * self._reach_m
+
+    def _choose(self, landmarks: Iterable[int] = ()) -> None:
+        """Lets rest what is far off, and builds the graph of all others, to be updated.
+
+        Args:
+            landmarks: that do not rest, wherever they are.
         """
-        if not self.is_long:
-            return None
+        self._read_all()
+        ends = self.resting.ends()
         here = self._poses.rows[self.last, :2].copy()
-        is_new = bool(np.hypot(*(here - self._front_at)) > 0.5 * _FRONT_M)
-        if is_new:
-            self._front_at = here
-        around = self.places.around(here, _FRONT_M)
-        if len(around) > _FRONT_LANDMARKS:
-            off = np.array([self._landmarks[each] for each in around]) - here
-            nearest = np.argsort(np.hypot(*off.T), kind="stable")[:_FRONT_LANDMARKS]
-            around = [around[k] for k in nearest.tolist()]
-        sighted = self.log.landmarks[self.log.rows_of_poses(self.windows.end + 1, self.last)]
-        landmarks = sorted({*around, *sighted.tolist()})
-        return Front(range(self.windows.end, self.last + 1), landmarks, is_new)
+        rows = self.log.rows_of_poses(self.windows.end + 1, self.last)
+        self._reach_m = float(self.log.polar(rows)[:, 0].max(initial=self._reach_m))
+        # What was asked about beyond will be asked about again.
+        within_m = max(_AWAKE_RANGES * self._reach_m, self._asked_m + self._reach_m)
+        around, self._asked_m = self.places.around(here, within_m), 0.0
+        self.resting.choose({*around, *landmarks, *self.log.landmarks[rows].tolist()})
+        self._solve_covariances(ends, self.resting.ends())
+        try:
+            self._holds = self.resting.holds(self._read_pose, self.landmark, self._covariances)
+        except GraphError as error:
+            self.incidents.append(f"nothing rests: {error}")
+            self.resting.wake()
+            self._holds = [Hold(0, self.log.start)]
+        poses = [pose for hold in self._holds for pose in (hold.anchor, *hold.anchor_T_poses)]
+        self._held_at = self._poses.rows[poses, :2].copy()
+        self._chosen_at, self._is_stale, self._was_woken = here, False, False
+        self.isam, self.slots = Incremental(self.isam.factorization), AllSlots()
+        self._add_all()
+
+    def _solve_covariances(self, before: Iterable[int], awake: Iterable[int]) -> None:
+        """How sure the poses are that windows begin and end with, before some of it rests.
+
+        Args:
+            before: of what was awake until now; nothing is asked that is known.
+            awake: of what stays awake, which is surer than it was if all was awake for a closure.
+        """
+        unknown = {*before, *awake} - self._covariances.keys()
+        for pose in unknown.union(awake if self._was_woken else ()):
+            try:
+                if self.isam.has_pose(pose):
+                    self._covariances[pose] = self.isam.covariance([pose_key(pose)])
+            except NoCovarianceError as error:
+                self.incidents.append(f"pose {pose} is held as surely as before: {error}")
+
+    def note_covariance(self, pose: int, covariance: FloatArray) -> None:
+        """It was asked how sure a pose is (3, 3): that holds it if it should come to rest."""
+        if self.resting.is_awake(pose) and pose >= self.windows.end:
+            self._noted[pose] = covariance
+
+    def _keep_noted(self, end: int) -> None:
+        """Of a window's last pose what was noted at the next one."""
+        later = min((pose for pose in self._noted if pose >= end), default=None)
+        if later is not None:
+            end_T_later = self.pose(end).between(self.pose(later)).adjoint()
+            self._covariances[end] = end_T_later @ self._noted[later] @ end_T_later.T
+        self._noted = {pose: known for pose, known in self._noted.items() if pose >= end}
+
+    def _read_pose(self, index: int) -> Pose2:
+        return Pose2.from_array(self._poses.rows[index])
 
     def _condense_next(self) -> None:
         """Takes one window of poses out with the next update, and its factor in."""
@@ -367,12 +504,15 @@ class GraphSolver:
             self.isam.remove(self.slots.motions, pose)
         for row in rows.tolist():
             self.isam.remove(self.slots.sightings, row)
-        window = Window(first, last, rows.astype(np.int32), names[:, 1], names[:, 0], condensed)
-        self.windows.add(window)
+        window = Window(first, last, names[:, 1], names[:, 0], condensed)
+        number = self.windows.add(window)
+        self._keep_noted(last)
+        if self.resting.awake is not None:
+            self.resting.awake.add(number)
 
     def add_windows(self) -> None:
         """Those that are new or changed."""
-        for number in sorted(self.windows.changed):
+        for number in sorted(self.windows.changed.intersection(self.resting.numbers())):
             if self.slots.windows[number] != NONE:
                 self.isam.remove(self.slots.windows, number)
             window = self.windows[number]
@@ -389,7 +529,7 @@ class GraphSolver:
         self.isam.linearize_again(_SETTLING, everywhere=not self.is_long)
         for row in firm:
             self.isam.remove(self.slots.sightings, row)
-            self.add_sighting(row, self.log.sighting(row))
+            self._add_sighting(row, self.log.sighting(row))
         self.isam.update(relinearize=True)
 
     def _read_all(self) -> None:
@@ -404,7 +544,8 @@ class GraphSolver:
         for landmark, place in values.map_t_landmarks.items():
             if landmark in self.log:
                 self.move(landmark, place)
-        for window in self.windows:
+        for number in self.resting.numbers():
+            window = self.windows[number]
             followed = follow(self._poses.rows[window.first], window.condensed)
             self._poses.rows[window.first + 1 : window.last] = followed
 
@@ -415,18 +556,31 @@ class GraphSolver:
         self._last_updated = self.last
 
     def _add_all(self) -> None:
-        """All that was ever added waits for an update, with the last good value of each."""
-        self.isam.add(prior_factor(self.log.start), self.slots.prior, 0)
-        for pose in range(1, self.log.num_poses):
+        """All that does not rest waits for an update, with the last good value of each."""
+        self._add_holds()
+        live = range(max(self.resting.since, 0), self.log.num_poses)
+        for pose in live[1:]:
             if self.windows.of_motion(pose) == NONE:
                 self.add_motion(pose)
-        for landmark in self.log.names():
-            for row in self.live(self.log.rows(landmark)):
-                self.add_sighting(row, self.log.sighting(row))
-        self.windows.changed.update(range(len(self.windows)))
+        for row in self.live(self._rows()):
+            self._add_sighting(row, self.log.sighting(row))
+        self.windows.changed.update(self.resting.numbers())
         self.add_windows()
-        for pose, row in enumerate(self._poses.rows):
+        ends = () if self.resting.awake is None else self.resting.ends()
+        for pose in sorted({*live, *ends}):
             if self.windows.of_pose(pose) == NONE:
-                self.isam.insert_pose(pose, Pose2.from_array(row))
-        for landmark, place in self._landmarks.items():
-            self.isam.insert_landmark(landmark, place)
+                self.isam.insert_pose(pose, self._read_pose(pose))
+        for landmark in self._landmarks if self.resting.awake is None else self.resting.landmarks():
+            self.isam.insert_landmark(landmark, self._landmarks[landmark])
+
+    def _rows(self) -> IntArray:
+        """Sightings among which those are that are factors of their own."""
+        if self.resting.awake is not None:
+            return self.resting.rows()
+        rows = [self.log.rows(landmark) for landmark in self.log.names()]
+        return np.concatenate([np.empty(0, dtype=np.int64), *rows])
+
+    def _add_holds(self) -> None:
+        """What holds the graph in the map."""
+        for number, factor in enumerate(itertools.chain(*map(hold_factors, self._holds))):
+            self.isam.add(factor, self.slots.holds, number)

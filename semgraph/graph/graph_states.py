@@ -23,7 +23,7 @@ class GraphEstimate:
 class AllSlots:
     """Where everything is in iSAM2."""
 
-    prior: Slots = field(default_factory=Slots)
+    holds: Slots = field(default_factory=Slots)
     motions: Slots = field(default_factory=Slots)
     sightings: Slots = field(default_factory=Slots)
     windows: Slots = field(default_factory=Slots)
@@ -31,7 +31,10 @@ class AllSlots:
     def copy(self) -> "AllSlots":
         """As they are now."""
         return AllSlots(
-            self.prior.copy(), self.motions.copy(), self.sightings.copy(), self.windows.copy()
+            Slots(self.holds),
+            Slots(self.motions),
+            Slots(self.sightings),
+            Slots(self.windows),
         )
 
 
@@ -44,6 +47,7 @@ class Snapshot:
         isam, slots: copies.
         landmarks: (m,) of each sighting, as the log has them.
         num_windows: that were condensed.
+        num_choices: how often what rests was chosen before.
     """
 
     estimate: GraphEstimate
@@ -51,3 +55,4 @@ class Snapshot:
     slots: AllSlots
     landmarks: IntArray
     num_windows: int
+    num_choices: int

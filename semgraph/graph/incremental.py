@@ -1,8 +1,7 @@
 """iSAM2, and what waits for it. Only this, `batch_graph.py` and `factors.py` know gtsam."""
 
-from array import array
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final, final
 
 import gtsam
@@ -31,26 +30,14 @@ class NoCovarianceError(GraphError):
     """GTSAM could not, but the graph is as it was."""
 
 
-@dataclass(slots=True)
-class Slots:
+class Slots(dict[int, int]):
     """Where the factors of one table (motions, sightings, ...) are in iSAM2, by their number.
 
     -1 where one is not, or waits.
     """
 
-    _slots: "array[int]" = field(default_factory=lambda: array("i"))
-
-    def __getitem__(self, number: int) -> int:
-        return self._slots[number] if number < len(self._slots) else -1
-
-    def __setitem__(self, number: int, slot: int) -> None:
-        while len(self._slots) <= number:
-            self._slots.append(-1)
-        self._slots[number] = slot
-
-    def copy(self) -> "Slots":
-        """As they are now."""
-        return Slots(self._slots[:])
+    def __missing__(self, number: int) -> int:
+        return -1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,21 +47,6 @@ class Values:
     poses: IntArray
     map_T_bases: FloatArray
     map_t_landmarks: Mapping[int, FloatArray]
-
-
-@dataclass(frozen=True, slots=True)
-class Front:
-    """What the next updates are about: it belongs at the root, so that little hangs above it.
-
-    Attributes:
-        poses: to be eliminated last.
-        landmarks: just before those.
-        is_new: whether landmarks that have nothing new go there too, with all that is above them.
-    """
-
-    poses: Sequence[int]
-    landmarks: Sequence[int]
-    is_new: bool
 
 
 @final
@@ -115,8 +87,7 @@ class Incremental:
 
     def remove(self, slots: Slots, number: int) -> None:
         """With the next update it is not."""
-        self._removed.append(slots[number])
-        slots[number] = -1
+        self._removed.append(slots.pop(number, -1))
 
     def insert_pose(self, pose: int, guess: Pose2) -> None:
         """A variable more."""
@@ -126,36 +97,23 @@ class Incremental:
         """A variable more."""
         self._values.insert(j=L(landmark), point2=guess)
 
-    def update(self, front: Front | None = None, *, relinearize: bool = False) -> None:
+    def update(self, *, relinearize: bool = False) -> None:
         """Takes in what waits, which waits on until `forget_waiting`.
 
         Args:
-            front: what stays at the root of the Bayes tree; None for what has new factors.
             relinearize: force it.
 
         Raises:
             UpdateError: with the reason in a line.
         """
-        groups, pulled = (None, None) if front is None else self._to_the_root(front)
         try:
             result = self._isam.update(
-                self._factors, self._values, self._removed, groups, None, pulled, relinearize
+                self._factors, self._values, self._removed, None, None, None, relinearize
             )
         except _FAILURES as error:
             raise UpdateError(_first_line(error)) from error
         for (slots, number), slot in zip(self._owners, result.getNewFactorsIndices(), strict=True):
             slots[number] = int(slot)
-
-    def _to_the_root(self, front: Front) -> tuple[gtsam.KeyGroupMap, gtsam.KeyList]:
-        """Groups that are eliminated last, the last pose's the very last; and what else goes up."""
-        groups, pulled = gtsam.KeyGroupMap(), gtsam.KeyList()
-        for landmark in front.landmarks:
-            groups.insert2(L(landmark), 1)
-            if front.is_new and self.has_landmark(landmark):
-                pulled.push_back(L(landmark))
-        for pose in front.poses:
-            groups.insert2(X(pose), 2)
-        return groups, pulled
 
     def linearize_again(self, times: int, *, everywhere: bool) -> None:
         """So many steps more at most, with nothing new: until nothing moves far.

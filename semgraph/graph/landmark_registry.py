@@ -74,11 +74,10 @@ class LandmarkRegistry:
         """All tracks of a landmark."""
         return tuple(self._tracks[landmark])
 
-    def in_sight(self, since_scan: int) -> list[Track]:
+    def in_sight(self, since_scan: int, now_ns: int) -> list[Track]:
         """The tracks sighted in that scan or later, of what does not move."""
         for tracker_id, track in list(self._in_sight.items()):
-            if 0 <= track.last_scan < since_scan:
-                track.rest()
+            if 0 <= track.last_scan < since_scan and track.rest(now_ns):
                 del self._in_sight[tracker_id]
         return [
             track

@@ -84,12 +84,13 @@ class Merging:
         graph = self._graph
         is_far = any(graph.are_far_apart(each.recent, each.old) for each in closures)
         if is_far and before is None:
-            before = graph.checkpoint()
+            before = graph.checkpoint([k for each in closures for k in (each.recent, each.old)])
         merged = self._merge(closures)
         if merged and before is not None:
             graph.update(relinearize=True)
             graph.settle()
             self._go_back_if_costly(merged, before)
+            graph.knit()
 
     def _go_back_if_costly(self, merged: Sequence[Closure], before: Checkpoint) -> None:
         """Takes all of these back where the graph's cost rose by more than they explain.

@@ -356,7 +356,8 @@ class Smoother:
 
     def _in_sight(self) -> list[Track]:
         """The tracks sighted lately, of what does not move."""
-        return self._registry.in_sight(self._scan - self._settings.in_sight_scans)
+        since_scan = self._scan - self._settings.in_sight_scans
+        return self._registry.in_sight(since_scan, self._stamps_ns[-1])
 
     def _drop_moving(self) -> None:
         """Takes out what has turned out to move; what an older landmark was taken for stays."""

@@ -129,7 +129,7 @@ def _misfits(
 ) -> FloatArray:
     """(k,) chi-squares of sightings, if what was sighted is there (k, 2)."""
     poses = estimate.map_T_bases[log.poses[rows]]
-    return misfits2(poses, places, log.polar[rows], log.covariances(rows))
+    return misfits2(poses, places, log.polar(rows), log.covariances(rows))
 
 
 def strays(log: GraphLog, estimate: GraphEstimate, landmarks: Set[int]) -> IntArray:

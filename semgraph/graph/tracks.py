@@ -89,9 +89,12 @@ class Track:
         self._away = (*self._away, is_away)[-_LOOKS:]
         self.is_moving = self.is_moving or sum(self._away) >= _MOVED_LOOKS
 
-    def rest(self) -> None:
-        """It is out of sight, maybe for good: where it was last is all that is kept of its looks.
+    def rest(self, now_ns: int) -> bool:
+        """Whether it is out of sight for so long that its looks say nothing more; they are gone.
 
-        There are hundreds of thousands of tracks, and each had twenty looks.
+        There are hundreds of thousands of tracks, and each look keeps what was perceived with it.
         """
-        self._places = self._places[-1:]
+        if self._places and now_ns - self._places[-1][0] <= _SPAN_NS:
+            return False
+        self._places = []
+        return True

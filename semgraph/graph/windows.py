@@ -24,7 +24,6 @@ class Window:
     """The poses from `first` to `last`, of which only these two are left in the graph.
 
     Attributes:
-        rows: (s,) the sightings from the poses after the first, in the log.
         tracks: (n,) of the things sighted.
         landmarks: (n,) that each is of now.
         condensed: all that the motions and sightings say.
@@ -32,7 +31,6 @@ class Window:
 
     first: int
     last: int
-    rows: IntArray
     tracks: IntArray
     landmarks: IntArray
     condensed: Condensed
@@ -58,7 +56,7 @@ class Windows:
         """There are none, nor will there be before the pose `end`."""
         self._windows: list[Window] = []
         self._of_motion = array("i")
-        self._by_landmark: dict[int, set[int]] = {}
+        self._by_landmark: dict[int, list[int]] = {}
         self.end = end
         self.changed: set[int] = set()
 
@@ -74,6 +72,14 @@ class Windows:
     def of_motion(self, pose: int) -> int:
         """The window that the motion to a pose is in, and what was sighted from there; or NONE."""
         return self._of_motion[pose] if pose < len(self._of_motion) else NONE
+
+    def of_motions(self, poses: IntArray) -> IntArray:
+        """(k,) the same of many."""
+        known = np.asarray(self._of_motion)
+        numbers = np.full(len(poses), NONE)
+        is_known = poses < len(known)
+        numbers[is_known] = known[poses[is_known]]
+        return numbers
 
     def of_pose(self, pose: int) -> int:
         """The window that a pose was given up in; NONE if it is in the graph."""
@@ -123,7 +129,7 @@ class Windows:
             log.motion_covariances[motions],
             log.poses[rows] - first,
             things.ravel(),
-            log.polar[rows],
+            log.polar(rows),
             log.covariances(rows),
             np.array([places[name] for name in names[:, 0].tolist()]).reshape(-1, 2),
         )
@@ -137,7 +143,7 @@ class Windows:
         for pose in range(window.first + 1, window.last + 1):
             self._of_motion[pose] = number
         for landmark in window.landmarks.tolist():
-            self._by_landmark.setdefault(landmark, set()).add(number)
+            self._note(landmark, number)
         self.end = window.last
         self.changed.add(number)
         return number
@@ -166,22 +172,29 @@ class Windows:
             if not leaving.any():
                 continue
             window.landmarks = np.where(leaving, new, window.landmarks)
-            self._by_landmark.setdefault(new, set()).add(number)
+            self._note(new, number)
             if not (window.landmarks == landmark).any():
-                self._by_landmark[landmark].discard(number)
+                self._by_landmark[landmark].remove(number)
             self.changed.add(number)
+        if not self._by_landmark.get(landmark, True):
+            self.forget(landmark)
 
     def replace(self, number: int, names: IntArray, condensed: Condensed) -> None:
         """It was condensed anew, without what has been taken out."""
         window = self._windows[number]
         window.landmarks, window.tracks = names[:, 0], names[:, 1]
-        window.rows = np.array(self._log.known(window.rows.tolist()), dtype=np.int32)
         window.condensed = condensed
         self.changed.add(number)
 
     def forget(self, landmark: int) -> None:
         """It is in no window any more."""
         self._by_landmark.pop(landmark, None)
+
+    def _note(self, landmark: int, number: int) -> None:
+        """A window sighted it; of most landmarks there are few, and lists are small."""
+        numbers = self._by_landmark.setdefault(landmark, [])
+        if number not in numbers:
+            numbers.append(number)
 
     def _is_sure(self, pose: int) -> bool:
         """Whether the motion to a pose is."""

@@ -331,17 +331,6 @@ def test_where_a_stretch_cannot_be_condensed_anew_nothing_is_condensed_any_more(
     assert_close(optimum(graph), optimum(whole))
 
 
-def test_what_is_kept_at_the_root_changes_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = drive(1, num_poses=60)
-    left_to_itself = optimum(driven(made, 6))
-    monkeypatch.setattr("semgraph.graph.graph_solver._LONG_WINDOWS", 1)
-    monkeypatch.setattr("semgraph.graph.graph_solver._FRONT_M", 1.0)
-    monkeypatch.setattr("semgraph.graph.graph_solver._FRONT_LANDMARKS", 2)
-    graph = driven(made, 6)
-    assert_close(optimum(graph), left_to_itself)
-    assert graph.incidents == ()
-
-
 def test_the_weakest_link_is_that_across_which_least_was_sighted() -> None:
     """All motions are as unsure; nothing sighted before pose 6 is sighted from there on."""
     made = drive(1, num_poses=10)

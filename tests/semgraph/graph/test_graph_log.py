@@ -26,9 +26,9 @@ def test_sightings_come_back_as_they_were() -> None:
     for row, (pose, landmark, range_m, bearing) in enumerate(made.seen):
         sighting = log.sighting(row)
         assert (sighting.pose, sighting.landmark, sighting.track) == (pose, landmark, landmark)
-        assert (sighting.range_m, sighting.bearing) == (range_m, bearing)
-        np.testing.assert_array_equal(sighting.covariance, NOISE)
-    np.testing.assert_array_equal(log.covariances(np.array([5])), [NOISE])
+        assert (sighting.range_m, sighting.bearing) == pytest.approx((range_m, bearing), 1e-6)
+        np.testing.assert_allclose(sighting.covariance, NOISE, 1e-6)
+    np.testing.assert_allclose(log.covariances(np.array([5])), [NOISE], 1e-6)
 
 
 def test_what_is_handed_over_or_forgotten_is_of_another_landmark_or_none() -> None:
