@@ -378,23 +378,27 @@ class GraphSolver:
     def wake(self, landmarks: Sequence[int] | None = None) -> None:
         """Nothing that was sighted of some landmarks rests, None for all; rather all than less."""
         if landmarks is not None and not all(map(self.is_solved, landmarks)):
-            self.bring(landmarks)
+            self._bring(landmarks)
             landmarks = landmarks if all(map(self.is_solved, landmarks)) else None
         if landmarks is None and self.resting.awake is not None:
             self._wake()
             self.rebuild()
 
     def bring(self, landmarks: Sequence[int]) -> bool:
-        """Whether some landmarks rested, that do not from now on."""
+        """Whether some landmarks rested, that are solved from now on, though maybe held."""
         if self.resting.awake is None or all(map(self.isam.has_landmark, landmarks)):
             return False
+        self._bring(landmarks)
+        if not all(map(self.isam.has_landmark, landmarks)):
+            self.wake()
+        return True
+
+    def _bring(self, landmarks: Sequence[int]) -> None:
+        """Chooses anew what is awake, with all windows that sighted these landmarks."""
         off = np.array([self._landmarks[each] for each in landmarks]) - self._chosen_at
         self._asked_m = max(self._asked_m, float(np.hypot(*off.T).max()))
         self._choose(landmarks)
         self.update(relinearize=True)
-        if not all(map(self.isam.has_landmark, landmarks)):
-            self.wake()
-        return True
 
     def knit(self) -> None:
         """Solves the whole graph if what was solved alone has moved off from what rests."""
