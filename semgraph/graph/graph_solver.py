@@ -85,7 +85,7 @@ class GraphSolver:
         self._noted = dict[int, FloatArray]()
         self._holds = [Hold(0, map_T_start)]
         self._chosen_at, self._reach_m, self._asked_m = np.zeros(2), 0.0, 0.0
-        self._is_stale, self._was_woken = False, False
+        self._is_stale = False
         self._held_at = np.zeros((0, 2))
         self._poses.append(map_T_start.pose.as_array())
         self._add_holds()
@@ -142,12 +142,10 @@ class GraphSolver:
 
     def live(self, rows: IntArray) -> list[int]:
         """The sightings that are factors of their own."""
-        poses = self.log.poses[rows].tolist()
-        return [
-            row
-            for row, pose in zip(rows.tolist(), poses, strict=True)
-            if self.windows.of_motion(pose) == NONE and self.resting.is_awake(pose)
-        ]
+        poses = self.log.poses[rows]
+        is_live = (self.windows.of_motions(poses) == NONE) & (poses > self.resting.since)
+        live: list[int] = rows[is_live].tolist()
+        return live
 
     def is_solved(self, landmark: int) -> bool:
         """Whether nothing that was sighted of it rests."""
@@ -238,21 +236,31 @@ class GraphSolver:
 
     def optimize(self) -> None:
         """The same, with what is condensed as it is, and what rests."""
+        kept = self.isam, self.slots
+        try:
+            self._go_to_optimum()
+            self.isam.update()
+            self._settled()
+        except UpdateError as error:
+            self.isam, self.slots = kept
+            self._mend(error)
+
+    def _go_to_optimum(self) -> None:
+        """All that does not rest is there, and waits to be solved step by step.
+
+        Raises:
+            GraphError: it cannot be solved; all is as it was.
+        """
         self.estimate()
         kept = self.isam, self.slots
         self.isam, self.slots = Incremental(self.isam.factorization), AllSlots()
         try:
             self._add_all()
             self._take(self.isam.go_to_optimum())
-            self._are_current.clear()
-            self.isam.update()
-            self._settled()
-        except UpdateError as error:
-            self.isam, self.slots = kept
-            self._mend(error)
         except GraphError:
             self.isam, self.slots = kept
             raise
+        self._are_current.clear()
 
     def pose(self, index: int) -> Pose2:
         """map_T_base of one pose as of the last update."""
@@ -401,11 +409,14 @@ class GraphSolver:
         self.update(relinearize=True)
 
     def knit(self) -> None:
-        """Solves the whole graph if what was solved alone has moved off from what rests."""
+        """Solves the whole graph if what was solved alone has moved off from what rests.
+
+        After it as much rests as before: far off all is believed as unsure as it was.
+        """
         if self._is_torn():
             self._wake()
-            self._is_current = False
-            self.rebuild()
+            self._go_to_optimum()
+            self.update()
 
     def _is_torn(self) -> bool:
         """Whether something has moved off from what rests."""
@@ -421,7 +432,7 @@ class GraphSolver:
         if self.resting.awake is not None:
             self.estimate()
             self.resting.wake()
-            self._holds, self._was_woken = [Hold(0, self.log.start)], True
+            self._holds = [Hold(0, self.log.start)]
 
     def _is_to_choose(self) -> bool:
         """Whether the robot has left what is awake, or nothing rests of a long run."""
@@ -436,7 +447,7 @@ class GraphSolver:
         Args:
             landmarks: that do not rest, wherever they are.
         """
-        self._read_all()
+        self.estimate()
         ends = self.resting.ends()
         here = self._poses.rows[self.last, :2].copy()
         rows = self.log.rows_of_poses(self.windows.end + 1, self.last)
@@ -454,7 +465,7 @@ class GraphSolver:
             self._holds = [Hold(0, self.log.start)]
         poses = [pose for hold in self._holds for pose in (hold.anchor, *hold.anchor_T_poses)]
         self._held_at = self._poses.rows[poses, :2].copy()
-        self._chosen_at, self._is_stale, self._was_woken = here, False, False
+        self._chosen_at, self._is_stale = here, False
         self.isam, self.slots = Incremental(self.isam.factorization), AllSlots()
         self._add_all()
 
@@ -463,10 +474,9 @@ class GraphSolver:
 
         Args:
             before: of what was awake until now; nothing is asked that is known.
-            awake: of what stays awake, which is surer than it was if all was awake for a closure.
+            awake: of what stays awake.
         """
-        unknown = {*before, *awake} - self._covariances.keys()
-        for pose in unknown.union(awake if self._was_woken else ()):
+        for pose in {*before, *awake} - self._covariances.keys():
             try:
                 if self.isam.has_pose(pose):
                     self._covariances[pose] = self.isam.covariance([pose_key(pose)])

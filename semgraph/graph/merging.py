@@ -67,7 +67,7 @@ class Merging:
         bends a little: carried, what was sighted across the link would be torn.
         """
         graph = self._graph
-        before = graph.checkpoint()
+        before = self._checkpoint(found.closures)
         last = max(int(graph.sighted(pair.old).poses.max()) for pair in found.closures)
         link, num_across = graph.weakest_link(last)
         if num_across < _HELD_BY:
@@ -84,13 +84,17 @@ class Merging:
         graph = self._graph
         is_far = any(graph.are_far_apart(each.recent, each.old) for each in closures)
         if is_far and before is None:
-            before = graph.checkpoint([k for each in closures for k in (each.recent, each.old)])
+            before = self._checkpoint(closures)
         merged = self._merge(closures)
         if merged and before is not None:
             graph.update(relinearize=True)
             graph.settle()
             self._go_back_if_costly(merged, before)
             graph.knit()
+
+    def _checkpoint(self, closures: Sequence[Closure]) -> Checkpoint:
+        """Before these; of what they make one nothing rests."""
+        return self._graph.checkpoint([k for each in closures for k in (each.recent, each.old)])
 
     def _go_back_if_costly(self, merged: Sequence[Closure], before: Checkpoint) -> None:
         """Takes all of these back where the graph's cost rose by more than they explain.

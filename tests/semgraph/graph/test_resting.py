@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from evaluation.benches.bench_runs import run_course
 from semgraph.arrays import FloatArray
 from semgraph.errors import GraphError
 from semgraph.geometry import Pose2, UncertainPose2
@@ -120,22 +121,16 @@ def test_groups_that_are_not_joined_are_as_unsure_of_each_other_as_they_are(
     assert 0.9 < here.trace() / there.trace() < 2.0
 
 
-def test_a_loop_that_closes_wakes_all_and_ends_at_the_optimum(resting: FactorGraph) -> None:
+def test_a_loop_that_closes_brings_what_rests_to_the_optimum_too(resting: FactorGraph) -> None:
     before = resting.estimate()
     close_loop(resting)
-    assert resting._solver.resting.awake is None
+    assert resting._solver.resting.awake is not None
     closed = resting.estimate()
     assert errors(before, closed) > 0.3
-    resting.polish()
-    assert errors(closed, resting.estimate()) < 0.1
-
-
-def test_after_a_loop_all_but_what_is_around_rests_again(resting: FactorGraph) -> None:
-    close_loop(resting)
-    resting.update()
-    assert resting._solver.resting.awake is not None
     last = resting.num_poses - 1
     assert float(resting.pose_covariance(last)[:2, :2].trace()) < 0.1**2
+    resting.polish()
+    assert errors(closed, resting.estimate()) < 0.1
 
 
 def test_what_becomes_one_with_something_that_rests_wakes_it(resting: FactorGraph) -> None:
@@ -176,3 +171,15 @@ def test_a_group_that_nothing_is_known_of_cannot_be_held(resting: FactorGraph) -
     solver = resting._solver
     with pytest.raises(GraphError, match="not known how sure"):
         solver.resting.holds(solver.pose, solver.landmark, {})
+
+
+def test_a_run_ends_the_same_whether_or_not_most_of_it_rests(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Three lanes beside each other, whose trees become one from lane to lane."""
+    _, solved = run_course("course:lanes", length_m=140.0)
+    monkeypatch.setattr("semgraph.graph.graph_solver._LONG_WINDOWS", 4)
+    _, rested = run_course("course:lanes", length_m=140.0)
+    assert len(rested.landmarks) == len(solved.landmarks)
+    off = rested.smoothed.map_T_bases[:, :2] - solved.smoothed.map_T_bases[:, :2]
+    assert np.hypot(*off.T).max() < 0.01
