@@ -97,7 +97,7 @@ class FastEstimator:
         self._map_T_last = UncertainPose2(map_T_start, np.zeros((3, 3)))
         self._map_covariance = settings.map_sigma_m**2 * np.eye(2)
         self._last_motion = Pose2()
-        self._driven_m = 0.0
+        self._driven_m, self._forgetting_at_m = 0.0, settings.memory_m
         self._last_seconds = 0.0
         # For how long the velocity was free to change.
         self._unseen_seconds = 0.0
@@ -381,6 +381,9 @@ class FastEstimator:
         """The movement to a pose; as seen if anything was matched, as perceived if enough was."""
         step = self._map_T_last.pose.between(map_T_base.pose)
         self._driven_m += float(np.hypot(step.x, step.y))
+        if self._driven_m >= self._forgetting_at_m and not self._is_fixed:
+            self._map.forget(self.remembered_since_m)
+            self._forgetting_at_m = self._driven_m + self._settings.memory_m
         if self._last_stamp_ns is not None:
             seconds = (stamp_ns - self._last_stamp_ns) * 1e-9
             if is_perceived and self._was_perceived and self._last_seconds > 0.0:

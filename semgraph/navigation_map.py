@@ -63,6 +63,14 @@ class NavigationMap:
         is_near = np.hypot(offsets[:, 0], offsets[:, 1]) <= radius_m
         return ids[is_near & (self._seen_at_m[ids] >= since_m)]
 
+    def forget(self, before_m: float) -> None:
+        """What was last sighted before this distance driven is near nothing until sighted again."""
+        seen_at_m = self._seen_at_m[: self._size]
+        ids = np.flatnonzero((seen_at_m < before_m) & np.isfinite(seen_at_m))
+        for landmark_id in ids.tolist():
+            self._grid.remove(landmark_id)
+        seen_at_m[ids] = -np.inf
+
     def with_identity(self, kind: Kind, identity: str) -> int | None:
         """The id of the landmark that bears this identity."""
         return self._by_identity.get((int(kind), identity))

@@ -22,6 +22,8 @@ Answer = TypeVar("Answer")
 _LEAST_SIGMA_M: Final = 1e-3
 # So often more of the graph is taken, each time what is beside, before all of it is.
 _HOPS: Final = 4
+# More windows take longer than all that does not rest.
+_MOST: Final = 60
 
 
 @final
@@ -70,6 +72,8 @@ class GraphCovariances:
             if found is not None:
                 return found
             windows |= self._solver.windows.beside(windows)
+            if self._solver.resting.awake is not None and len(windows) > _MOST:
+                break
         return self.of_landmarks_together(landmarks)
 
     def of_landmarks(self, landmarks: Sequence[int]) -> FloatArray:

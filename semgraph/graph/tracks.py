@@ -43,7 +43,10 @@ class Track:
 
     def __post_init__(self) -> None:
         self._last_ns = self.first_ns
-        self.own = GraphLandmark(self.known.kind, self.known.identity)
+        # Whether it is there is no matter of tracks.
+        self.own = GraphLandmark(
+            self.known.kind, self.known.identity, existence=self.known.existence
+        )
 
     @property
     def is_due(self) -> bool:

@@ -116,6 +116,24 @@ def test_near_leaves_out_what_was_last_sighted_earlier() -> None:
         np.testing.assert_array_equal(navigation_map.near(np.zeros(2), 5.0, since_m), expected)
 
 
+def test_what_is_forgotten_is_near_nothing_until_it_is_sighted_again() -> None:
+    navigation_map = NavigationMap()
+    positions = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    for driven_m in (10.0, 20.0):
+        navigation_map.insert(
+            perceptions_of(3), positions + driven_m, same_covariances(3), driven_m=driven_m
+        )
+    here = np.array([11.0, 10.0])
+    for _ in range(2):
+        navigation_map.forget(20.0)
+        np.testing.assert_array_equal(navigation_map.near(here, 50.0), [3, 4, 5])
+    navigation_map.update(
+        np.array([1]), perceptions_of(1), positions[[1]] + 10.0, same_covariances(1), driven_m=30.0
+    )
+    np.testing.assert_array_equal(navigation_map.near(here, 50.0), [1, 3, 4, 5])
+    assert len(navigation_map) == 6
+
+
 def sighted(averaging: Averaging, positions: FloatArray, covariances: FloatArray) -> NavigationMap:
     """One landmark, sighted at each of the positions (n, 2)."""
     navigation_map = NavigationMap(averaging)
