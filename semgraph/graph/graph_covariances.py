@@ -104,7 +104,7 @@ class GraphCovariances:
         if index not in self._of_poses:
             self._uncondense([index])
             self._of_poses[index] = self.joint([pose_key(index)])
-            self._solver.note_covariance(index, self._of_poses[index])
+            self._solver.ends.note(index, self._of_poses[index])
         return self._of_poses[index]
 
     def of_poses(self, indices: Sequence[int]) -> FloatArray:

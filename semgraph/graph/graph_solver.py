@@ -22,14 +22,14 @@ from semgraph.graph.factors import (
     condensed_factor,
     hold_factors,
     motion_factor,
-    pose_key,
     sighting_factor,
 )
 from semgraph.graph.graph_log import GraphLog
 from semgraph.graph.graph_states import AllSlots, GraphEstimate, Snapshot
 from semgraph.graph.growing import Growing
-from semgraph.graph.incremental import Incremental, NoCovarianceError, UpdateError, Values
+from semgraph.graph.incremental import Incremental, UpdateError, Values
 from semgraph.graph.resting import Resting
+from semgraph.graph.window_ends import WindowEnds
 from semgraph.graph.windows import NONE, Window, Windows
 from semgraph.point_grid import PointGrid
 
@@ -39,9 +39,6 @@ _CELL_M: Final = 10.0
 JUMP_M: Final = 0.5
 # From so many windows on those far off rest.
 _LONG_WINDOWS: Final = 200
-# What is awake, in how far things are sighted: chosen so far around, and anew after so far.
-_AWAKE_RANGES: Final = 3.0
-_ANEW_RANGES: Final = 2.0
 # What is held by what rests and has moved so far tears it.
 _TORN_M: Final = 0.1
 # How often a graph that moves much is linearized again at most: it ends where nothing moves far.
@@ -58,6 +55,7 @@ class GraphSolver:
         log: all that was added.
         windows: what of it is condensed.
         resting: what of that is not solved at the moment.
+        ends: how sure the ends of windows are.
         isam: the rest, and the condensed.
         slots: where all of it is in there.
         firm: rows of sightings that hold without their kernel in the next update.
@@ -68,7 +66,7 @@ class GraphSolver:
     def __init__(self, map_T_start: UncertainPose2, window_poses: int) -> None:
         self.log = GraphLog(map_T_start)
         self.windows = Windows(self.log, window_poses)
-        self.resting = Resting(self.log, self.windows)
+        self.resting, self.ends = Resting(self.log, self.windows), WindowEnds()
         self.isam = Incremental()
         self.slots = AllSlots()
         self.firm: list[int] = []
@@ -80,14 +78,10 @@ class GraphSolver:
         self._are_current = set[int]()
         self._last_updated = -1
         self._num_failures = 0
-        # Of poses that windows begin and end with, how sure they were when they were last solved.
-        self._covariances = dict[int, FloatArray]()
-        self._noted = dict[int, FloatArray]()
-        self._holds = [Hold(0, map_T_start)]
-        self._chosen_at, self._reach_m, self._asked_m = np.zeros(2), 0.0, 0.0
+        # Whether something became one with what rests, since was chosen what does.
         self._is_stale = False
-        self._held_at = np.zeros((0, 2))
         self._poses.append(map_T_start.pose.as_array())
+        self._hold([Hold(0, map_T_start)])
         self._add_holds()
         self.isam.insert_pose(0, map_T_start.pose)
 
@@ -183,7 +177,8 @@ class GraphSolver:
         try:
             if not relinearize:
                 self._condense_next()
-            if self._is_stale or (not relinearize and self._is_to_choose()):
+            is_left = len(self.windows) >= _LONG_WINDOWS and self.resting.is_left(self._here())
+            if self._is_stale or (is_left and not relinearize):
                 self.knit()
                 self._choose()
             self.add_windows()
@@ -403,8 +398,7 @@ class GraphSolver:
 
     def _bring(self, landmarks: Sequence[int]) -> None:
         """Chooses anew what is awake, with all windows that sighted these landmarks."""
-        off = np.array([self._landmarks[each] for each in landmarks]) - self._chosen_at
-        self._asked_m = max(self._asked_m, float(np.hypot(*off.T).max()))
+        self.resting.ask(np.array([self._landmarks[each] for each in landmarks]))
         self._choose(landmarks)
         self.update(relinearize=True)
 
@@ -415,7 +409,11 @@ class GraphSolver:
         """
         if self._is_torn():
             self._wake()
-            self._go_to_optimum()
+            try:
+                self._go_to_optimum()
+            except GraphError as error:
+                self.incidents.append(f"the whole is solved step by step: {error}")
+                self.rebuild()
             self.update()
 
     def _is_torn(self) -> bool:
@@ -432,14 +430,7 @@ class GraphSolver:
         if self.resting.awake is not None:
             self.estimate()
             self.resting.wake()
-            self._holds = [Hold(0, self.log.start)]
-
-    def _is_to_choose(self) -> bool:
-        """Whether the robot has left what is awake, or nothing rests of a long run."""
-        if len(self.windows) < _LONG_WINDOWS:
-            return False
-        off_m = float(np.hypot(*(self._poses.rows[self.last, :2] - self._chosen_at)))
-        return self.resting.awake is None or off_m > _ANEW_RANGES * self._reach_m
+            self._hold([Hold(0, self.log.start)])
 
     def _choose(self, landmarks: Iterable[int] = ()) -> None:
         """Lets rest what is far off, and builds the graph of all others, to be updated.
@@ -449,52 +440,26 @@ class GraphSolver:
         """
         self.estimate()
         ends = self.resting.ends()
-        here = self._poses.rows[self.last, :2].copy()
-        rows = self.log.rows_of_poses(self.windows.end + 1, self.last)
-        self._reach_m = float(self.log.polar(rows)[:, 0].max(initial=self._reach_m))
-        # What was asked about beyond will be asked about again.
-        within_m = max(_AWAKE_RANGES * self._reach_m, self._asked_m + self._reach_m)
-        around, self._asked_m = self.places.around(here, within_m), 0.0
-        self.resting.choose({*around, *landmarks, *self.log.landmarks[rows].tolist()})
-        self._solve_covariances(ends, self.resting.ends())
+        self.resting.choose(self._here(), self.places, landmarks)
+        self.incidents += self.ends.solve({*ends, *self.resting.ends()}, self.isam)
         try:
-            self._holds = self.resting.holds(self._read_pose, self.landmark, self._covariances)
+            self._hold(self.resting.holds(self._read_pose, self.landmark, self.ends.covariances))
         except GraphError as error:
             self.incidents.append(f"nothing rests: {error}")
-            self.resting.wake()
-            self._holds = [Hold(0, self.log.start)]
-        poses = [pose for hold in self._holds for pose in (hold.anchor, *hold.anchor_T_poses)]
-        self._held_at = self._poses.rows[poses, :2].copy()
-        self._chosen_at, self._is_stale = here, False
+            self._wake()
+        self._is_stale = False
         self.isam, self.slots = Incremental(self.isam.factorization), AllSlots()
         self._add_all()
 
-    def _solve_covariances(self, before: Iterable[int], awake: Iterable[int]) -> None:
-        """How sure the poses are that windows begin and end with, before some of it rests.
+    def _hold(self, holds: list[Hold]) -> None:
+        """The graph is to be held by these."""
+        poses = [pose for hold in holds for pose in (hold.anchor, *hold.anchor_T_poses)]
+        self._holds, self._held_at = holds, self._poses.rows[poses, :2].copy()
 
-        Args:
-            before: of what was awake until now; nothing is asked that is known.
-            awake: of what stays awake.
-        """
-        for pose in {*before, *awake} - self._covariances.keys():
-            try:
-                if self.isam.has_pose(pose):
-                    self._covariances[pose] = self.isam.covariance([pose_key(pose)])
-            except NoCovarianceError as error:
-                self.incidents.append(f"pose {pose} is held as surely as before: {error}")
-
-    def note_covariance(self, pose: int, covariance: FloatArray) -> None:
-        """It was asked how sure a pose is (3, 3): that holds it if it should come to rest."""
-        if self.resting.is_awake(pose) and pose >= self.windows.end:
-            self._noted[pose] = covariance
-
-    def _keep_noted(self, end: int) -> None:
-        """Of a window's last pose what was noted at the next one."""
-        later = min((pose for pose in self._noted if pose >= end), default=None)
-        if later is not None:
-            end_T_later = self.pose(end).between(self.pose(later)).adjoint()
-            self._covariances[end] = end_T_later @ self._noted[later] @ end_T_later.T
-        self._noted = {pose: known for pose, known in self._noted.items() if pose >= end}
+    def _here(self) -> FloatArray:
+        """(2,) where the last pose was read to be."""
+        here: FloatArray = self._poses.rows[self.last, :2].copy()
+        return here
 
     def _read_pose(self, index: int) -> Pose2:
         return Pose2.from_array(self._poses.rows[index])
@@ -520,7 +485,7 @@ class GraphSolver:
             self.isam.remove(self.slots.sightings, row)
         window = Window(first, last, names[:, 1], names[:, 0], condensed)
         number = self.windows.add(window)
-        self._keep_noted(last)
+        self.ends.keep(last, self.pose)
         if self.resting.awake is not None:
             self.resting.awake.add(number)
 

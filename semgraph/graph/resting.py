@@ -20,9 +20,13 @@ from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.graph.factors import Hold
 from semgraph.graph.graph_log import GraphLog
 from semgraph.graph.windows import NONE, Windows
+from semgraph.point_grid import PointGrid
 
 # So many of the newest windows never rest.
 _NEWEST: Final = 2
+# In how far things are sighted: so far around all is awake, and is chosen anew after so far.
+_AWAKE_RANGES: Final = 3.0
+_ANEW_RANGES: Final = 2.0
 
 
 @dataclass(slots=True, eq=False)
@@ -58,6 +62,7 @@ class Resting:
     def __init__(self, log: GraphLog, windows: Windows) -> None:
         self._log, self._windows = log, windows
         self.num_choices = 0
+        self._chosen_at, self._range_m, self._asked_m = np.zeros(2), 0.0, 0.0
         self.wake()
 
     def wake(self) -> None:
@@ -67,11 +72,32 @@ class Resting:
         self.held = set[int]()
         self.num_choices += 1
 
-    def choose(self, landmarks: Iterable[int]) -> None:
-        """The windows that sighted one of these are awake, and the newest."""
-        count = len(self._windows)
-        self.awake = self._windows.of_any(landmarks).union(range(max(count - _NEWEST, 0), count))
-        self.since = self._windows.end
+    def is_left(self, here: FloatArray) -> bool:
+        """Whether what is awake is to be chosen anew at a place (2,), or all is."""
+        off_m = float(np.hypot(*(here - self._chosen_at)))
+        return self.awake is None or off_m > _ANEW_RANGES * self._range_m
+
+    def ask(self, places: FloatArray) -> None:
+        """It was asked about what is at places (n, 2), and will be again about what is as far."""
+        self._asked_m = max(self._asked_m, float(np.hypot(*(places - self._chosen_at).T).max()))
+
+    def choose(self, here: FloatArray, places: PointGrid, landmarks: Iterable[int] = ()) -> None:
+        """The windows are awake that sighted what is around, and the newest.
+
+        Args:
+            here: (2,) the robot's place.
+            places: of all landmarks.
+            landmarks: the windows that sighted one of these are awake too.
+        """
+        count, self.since = len(self._windows), self._windows.end
+        sighted = self.rows()
+        if len(sighted):
+            self._range_m = float(self._log.polar(sighted)[:, 0].max())
+        within_m = max(_AWAKE_RANGES * self._range_m, self._asked_m + self._range_m)
+        self._chosen_at, self._asked_m = here, 0.0
+        around = {*places.around(here, within_m), *self._log.landmarks[sighted].tolist()}
+        newest = range(max(count - _NEWEST, 0), count)
+        self.awake = self._windows.of_any(around.union(landmarks)).union(newest)
         self.held = {landmark for landmark in self.landmarks() if not self._is_whole(landmark)}
         self.num_choices += 1
 
