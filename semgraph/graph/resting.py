@@ -62,7 +62,8 @@ class Resting:
     def __init__(self, log: GraphLog, windows: Windows) -> None:
         self._log, self._windows = log, windows
         self.num_choices = 0
-        self._chosen_at, self._range_m, self._asked_m = np.zeros(2), 0.0, 0.0
+        self._chosen_at: FloatArray = np.zeros(2)
+        self._range_m, self._asked_m = 0.0, 0.0
         self.wake()
 
     def wake(self) -> None:
