@@ -1,6 +1,6 @@
 """A long run of which only what is about the robot is solved: a ring driven round and further."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.graph.factors import Sighting
 from semgraph.graph.graph_states import GraphEstimate
+from semgraph.graph.incremental import Incremental, NoCovarianceError, Values
 from semgraph.measurement_model import predict
 
 RADIUS_M = 25.0
@@ -171,6 +172,40 @@ def test_a_group_that_nothing_is_known_of_cannot_be_held(resting: FactorGraph) -
     solver = resting._solver
     with pytest.raises(GraphError, match="not known how sure"):
         solver.resting.holds(solver.pose, solver.landmark, {})
+
+
+def test_where_it_is_not_known_how_sure_the_graph_is_nothing_rests_and_that_is_said(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("semgraph.graph.graph_solver._LONG_WINDOWS", 2)
+    monkeypatch.setattr(Incremental, "covariance", no_covariance)
+    graph = ring(60)
+    assert graph._solver.resting.awake is None
+    assert any(each.startswith("it is not known how sure pose") for each in graph.incidents)
+    assert any(each.startswith("nothing rests") for each in graph.incidents)
+
+
+def no_covariance(isam: Incremental, keys: Sequence[int]) -> FloatArray:
+    raise NoCovarianceError("indeterminate")
+
+
+def test_a_loop_whose_batch_fails_is_solved_step_by_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("semgraph.graph.graph_solver._LONG_WINDOWS", 2)
+    graph = ring()
+    before = graph.estimate()
+    monkeypatch.setattr(Incremental, "go_to_optimum", no_optimum)
+    close_loop(graph)
+    monkeypatch.undo()
+    (incident,) = graph.incidents
+    assert incident == "the whole is solved step by step: indeterminate"
+    closed = graph.estimate()
+    assert errors(before, closed) > 0.3
+    graph.polish()
+    assert errors(closed, graph.estimate()) < 0.15
+
+
+def no_optimum(isam: Incremental) -> Values:
+    raise GraphError("indeterminate")
 
 
 def test_a_run_ends_the_same_whether_or_not_most_of_it_rests(

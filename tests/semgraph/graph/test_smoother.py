@@ -1,5 +1,6 @@
 """The smoother on small seeded courses, run as the pipeline runs it."""
 
+import gc
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -266,3 +267,16 @@ def test_a_perception_taken_for_the_wrong_tree_is_of_none_in_the_end() -> None:
     assert any(str(each).endswith("sightings fit nothing") for each in left)
     share = np.mean([(ids >= 0).mean() for ids in associations.values() if len(ids)])
     assert share > 0.9
+
+
+def test_what_a_run_keeps_is_no_garbage_until_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("semgraph.graph.smoother._KEPT_SCANS", 10)
+    recording, settings = small(seed=1, lap_s=10.0).recording, load_settings(None, [])
+    tracker = tracker_of(recording, settings.tracker)
+    smoother = Smoother(settings.smoother, recording.map_T_start)
+    for moment in moments(recording, Perceiver(recording, settings), YawRateLog()):
+        step = tracker.step(moment.perceptions, moment.odometry)
+        smoother.add(step, moment.perceptions, moment.views)
+    assert gc.get_freeze_count() > 0
+    smoother.finish(lambda _: None)
+    assert gc.get_freeze_count() == 0
