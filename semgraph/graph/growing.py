@@ -34,8 +34,9 @@ class Growing:
     def append(self, row: ArrayLike) -> int:
         """The number of one row more."""
         if self._size == len(self._rows):
-            # Half as much again: what is not yet written to takes no memory.
-            grown = np.empty((self._size * 3 // 2, *self._rows.shape[1:]), self._rows.dtype)
+            # Four times as much: what is not yet written to takes no memory, and few old ones are
+            # left behind as holes that nothing fits in.
+            grown = np.empty((4 * self._size, *self._rows.shape[1:]), self._rows.dtype)
             grown[: self._size] = self._rows
             self._rows = grown
         self._rows[self._size] = row
