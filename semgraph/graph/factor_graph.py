@@ -207,7 +207,8 @@ class FactorGraph:
     def cost(self) -> float:
         """Half the sum of all chi-squares, under the kernel; takes time as long as the run.
 
-        Of what is condensed, only what comes to it by its ends and landmarks.
+        Of what is condensed, only what comes to it by its ends and landmarks; nothing of what
+        rests.
         """
         return self._solver.isam.cost()
 

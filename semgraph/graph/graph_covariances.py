@@ -78,6 +78,8 @@ class GraphCovariances:
 
     def of_landmarks(self, landmarks: Sequence[int]) -> FloatArray:
         """(n, 2, 2) marginal covariance of each landmark, in map; with errors in common."""
+        if not all(map(self._solver.isam.has_landmark, landmarks)):
+            self._wake()
         keys = [landmark_key(landmark) for landmark in landmarks]
         covariances = self._sure(lambda known: known.marginals(keys, 2))
         return covariances + self._added(keys, 2)[0]
@@ -221,10 +223,17 @@ class GraphCovariances:
             return ask(self._covariances)
 
     def _uncondense(self, poses: Sequence[int]) -> None:
-        """Builds the whole graph, if one of these poses was given up."""
+        """Builds the whole graph, if one of these poses was given up or rests."""
         if any(self._solver.windows.of_pose(pose) != NONE for pose in poses):
             self._solver.uncondense()
             self.forget()
+        elif not all(map(self._solver.isam.has_pose, poses)):
+            self._wake()
+
+    def _wake(self) -> None:
+        """Nothing rests until the next update."""
+        self._solver.wake()
+        self.forget()
 
     def _places(self, landmarks: Sequence[int]) -> FloatArray:
         """(n, 2) m in map."""

@@ -159,6 +159,16 @@ def test_a_wrong_closure_is_undone_while_the_rest_rests(resting: FactorGraph) ->
     assert resting.cost() == pytest.approx(before.cost)
 
 
+def test_how_sure_all_is_can_be_asked_at_any_time(resting: FactorGraph, whole: FactorGraph) -> None:
+    names = resting.landmarks()
+    here, there = (graph.landmark_covariances(names) for graph in (resting, whole))
+    np.testing.assert_allclose(np.trace(here.T), np.trace(there.T), 0.1)
+    resting.update()
+    ends = [window.last for window in resting._solver.windows]
+    here, there = (graph.pose_covariances(ends) for graph in (resting, whole))
+    np.testing.assert_allclose(np.trace(here.T), np.trace(there.T), 0.1)
+
+
 def test_what_rests_can_be_taken_out(resting: FactorGraph) -> None:
     solver = resting._solver
     gone = next(name for name in resting.landmarks() if not solver.isam.has_landmark(name))
