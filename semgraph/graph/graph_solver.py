@@ -38,7 +38,7 @@ _CELL_M: Final = 10.0
 # By so much the last pose may jump before all that was read of the graph is stale.
 JUMP_M: Final = 0.5
 # From so many windows on those far off rest.
-_LONG_WINDOWS: Final = 200
+_LONG_WINDOWS: Final = 100
 # What is held by what rests and has moved so far tears it.
 _TORN_M: Final = 0.1
 # How often a graph that moves much is linearized again at most: it ends where nothing moves far.
@@ -439,9 +439,10 @@ class GraphSolver:
             landmarks: that do not rest, wherever they are.
         """
         self.estimate()
-        ends = self.resting.ends()
+        before = set(self.resting.ends())
         self.resting.choose(self._here(), self.places, landmarks)
-        self.incidents += self.ends.solve({*ends, *self.resting.ends()}, self.isam)
+        leaving = before.difference(self.resting.ends())
+        self.incidents += self.ends.solve(leaving.union(self.resting.rims()), self.isam)
         try:
             self._hold(self.resting.holds(self._read_pose, self.landmark, self.ends.covariances))
         except GraphError as error:

@@ -121,6 +121,10 @@ class Resting:
         """The poses that windows awake begin and end with, and what follows begins with."""
         return sorted(set().union(*(group.poses for group in self._pieces())))
 
+    def rims(self) -> list[int]:
+        """Those of them beside which something rests."""
+        return [pose for pose in self.ends() if not self._is_inside(pose)]
+
     def landmarks(self) -> set[int]:
         """All that was sighted from what is awake."""
         return set[int]().union(*(group.landmarks for group in self._pieces()))
