@@ -39,6 +39,8 @@ _CELL_M: Final = 10.0
 JUMP_M: Final = 0.5
 # From so many windows on those far off rest.
 _LONG_WINDOWS: Final = 100
+# Of so many that are awake, what takes time as long as all of them is left out.
+_MANY_WINDOWS: Final = 200
 # What is held by what rests and has moved so far tears it.
 _TORN_M: Final = 0.1
 # How often a graph that moves much is linearized again at most: it ends where nothing moves far.
@@ -93,7 +95,7 @@ class GraphSolver:
     @property
     def is_long(self) -> bool:
         """Whether what takes time as long as what is solved takes too much of it."""
-        return len(self.resting.numbers()) >= _LONG_WINDOWS
+        return len(self.resting.numbers()) >= _MANY_WINDOWS
 
     def add_pose(self, motion: UncertainPose2, guess: Pose2) -> int:
         """Its number."""
