@@ -181,7 +181,8 @@ class GraphSolver:
                 self._condense_next()
             is_left = len(self.windows) >= _LONG_WINDOWS and self.resting.is_left(self._here())
             if self._is_stale or (is_left and not relinearize):
-                self.knit()
+                if self.knit():
+                    return
                 self._choose()
             self.add_windows()
             self.isam.update(relinearize=relinearize)
@@ -404,19 +405,25 @@ class GraphSolver:
         self._choose(landmarks)
         self.update(relinearize=True)
 
-    def knit(self) -> None:
+    def knit(self) -> bool:
         """Solves the whole graph if what was solved alone has moved off from what rests.
 
-        After it as much rests as before: far off all is believed as unsure as it was.
+        After it nothing waits, and as much rests as before: far off all is believed as unsure as it
+        was.
+
+        Returns:
+            whether it had.
         """
-        if self._is_torn():
-            self._wake()
-            try:
-                self._go_to_optimum()
-            except GraphError as error:
-                self.incidents.append(f"the whole is solved step by step: {error}")
-                self.rebuild()
-            self.update()
+        if not self._is_torn():
+            return False
+        self._wake()
+        try:
+            self._go_to_optimum()
+        except GraphError as error:
+            self.incidents.append(f"the whole is solved step by step: {error}")
+            self.rebuild()
+        self.update()
+        return True
 
     def _is_torn(self) -> bool:
         """Whether something has moved off from what rests."""

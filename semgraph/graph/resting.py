@@ -102,13 +102,6 @@ class Resting:
         self.held = {landmark for landmark in self.landmarks() if not self._is_whole(landmark)}
         self.num_choices += 1
 
-    def is_awake(self, motion: int) -> bool:
-        """Whether the motion to a pose is, and what was sighted from there."""
-        if self.awake is None:
-            return True
-        window = self._windows.of_motion(motion)
-        return motion > self.since if window == NONE else window in self.awake
-
     def numbers(self) -> list[int]:
         """Of the windows that are awake."""
         return list(range(len(self._windows))) if self.awake is None else sorted(self.awake)
@@ -193,7 +186,14 @@ class Resting:
     def _is_inside(self, pose: int) -> bool:
         """Whether both motions at a pose are awake."""
         motions = (motion for motion in (pose, pose + 1) if 0 < motion < self._log.num_poses)
-        return all(self.is_awake(motion) for motion in motions)
+        return all(self._is_awake(motion) for motion in motions)
+
+    def _is_awake(self, motion: int) -> bool:
+        """Whether the motion to a pose is."""
+        if self.awake is None:
+            return True
+        window = self._windows.of_motion(motion)
+        return motion > self.since if window == NONE else window in self.awake
 
     def _is_whole(self, landmark: int) -> bool:
         """Whether all sightings of a landmark are awake."""

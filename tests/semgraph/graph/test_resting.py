@@ -58,14 +58,19 @@ def ring(num_poses: int = ROUND + 12) -> FactorGraph:
     return graph
 
 
-def close_loop(graph: FactorGraph) -> None:
-    """All that was seen on both laps becomes one."""
+def join(graph: FactorGraph) -> None:
+    """All that was seen on both laps becomes one, among what is awake."""
     pairs = [(name, name - LAP) for name in graph.landmarks() if name >= LAP]
     graph.checkpoint([name for pair in pairs for name in pair])
     for pair in pairs:
         graph.merge(*pair)
     graph.update(relinearize=True)
     graph.settle()
+
+
+def close_loop(graph: FactorGraph) -> None:
+    """The same, and what rests goes with it."""
+    join(graph)
     graph.knit()
 
 
@@ -132,6 +137,16 @@ def test_a_loop_that_closes_brings_what_rests_to_the_optimum_too(resting: Factor
     assert float(resting.pose_covariance(last)[:2, :2].trace()) < 0.1**2
     resting.polish()
     assert errors(closed, resting.estimate()) < 0.1
+
+
+def test_what_is_torn_unnoticed_is_knit_when_is_chosen_anew(resting: FactorGraph) -> None:
+    join(resting)
+    resting._solver._is_stale = True
+    resting.update()
+    assert resting.is_updated
+    updated = resting.estimate()
+    resting.polish()
+    assert errors(updated, resting.estimate()) < 0.1
 
 
 def test_what_becomes_one_with_something_that_rests_wakes_it(resting: FactorGraph) -> None:
