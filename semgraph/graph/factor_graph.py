@@ -8,6 +8,7 @@ import numpy as np
 from semgraph.arrays import FloatArray, IntArray, frozen_floats
 from semgraph.errors import GraphError
 from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
+from semgraph.graph.drift import Drift
 from semgraph.graph.factors import ROBUST_CHI2, Sighting, check_definite, check_sighting
 from semgraph.graph.graph_covariances import GraphCovariances
 from semgraph.graph.graph_log import Sighted
@@ -198,7 +199,7 @@ class FactorGraph:
         That is the motion across which the fewest landmarks were sighted, and of those the least
         certain one.
         """
-        covariances = self._solver.log.motion_covariances[since_pose + 1 :]
+        covariances = self._solver.log.motion_covariances(slice(since_pose + 1, None))
         variances = covariances[:, 0, 0] + covariances[:, 1, 1]
         held = self._solver.log.num_across()[since_pose + 1 :]
         weakest = int(np.lexsort((-variances, held))[0])
@@ -400,6 +401,10 @@ class FactorGraph:
     def pose_covariance(self, index: int) -> FloatArray:
         """(3, 3) marginal covariance of a pose, (x, y, theta) in its own frame."""
         return self._covariances.of_pose(index)
+
+    def drift(self) -> Drift:
+        """How far what is seen from the last pose may be from where it was sighted before."""
+        return self._covariances.drift()
 
     def pose_covariances(self, indices: Sequence[int]) -> FloatArray:
         """(n, 3, 3) marginal covariance of each pose, (x, y, theta) in its own frame."""

@@ -11,6 +11,7 @@ from semgraph.geometry import rotation
 from semgraph.graph.common_errors import CommonErrors, Ranges
 from semgraph.graph.condensation import linearized
 from semgraph.graph.covariances import Covariances
+from semgraph.graph.drift import Drift
 from semgraph.graph.factors import landmark_key, pose_key
 from semgraph.graph.graph_log import NOWHERE
 from semgraph.graph.graph_solver import GraphSolver
@@ -43,6 +44,7 @@ class GraphCovariances:
         )
         self._covariances = Covariances(solver.isam, num_columns, solver.incidents)
         self._of_poses: dict[int, FloatArray] = {}
+        self._drift: Drift | None = None
 
     def of_landmarks_together(self, landmarks: Sequence[int]) -> FloatArray:
         """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
@@ -108,6 +110,30 @@ class GraphCovariances:
             self._of_poses[index] = self.joint([pose_key(index)])
             self._solver.ends.note(index, self._of_poses[index])
         return self._of_poses[index]
+
+    def drift(self) -> Drift:
+        """How far the last pose may have drifted, beside what hangs together with it and all else.
+
+        What holds the former in the map is unsure for the pose and for all of that alike.
+        """
+        if self._drift is None:
+            self._drift = self._last_drift()
+        return self._drift
+
+    def _last_drift(self) -> Drift:
+        solver = self._solver
+        covariance = self.of_pose(solver.last)
+        apart_m = _sigma_m(covariance)
+        if solver.resting.awake is None:
+            poses, beside = {0}, None
+        else:
+            poses, beside = solver.resting.beside()
+        anchors = [hold for hold in solver.holds if hold.anchor in poses]
+        if len(anchors) != 1:
+            return Drift(apart_m, apart_m, beside)
+        last_Ad_anchor = solver.pose(solver.last).between(solver.pose(anchors[0].anchor)).adjoint()
+        in_common = last_Ad_anchor @ anchors[0].map_T_anchor.covariance @ last_Ad_anchor.T
+        return Drift(_sigma_m(covariance - in_common), apart_m, beside)
 
     def of_poses(self, indices: Sequence[int]) -> FloatArray:
         """(n, 3, 3) marginal covariance of each pose, in its own frame; with errors in common."""
@@ -238,3 +264,8 @@ class GraphCovariances:
     def _places(self, landmarks: Sequence[int]) -> FloatArray:
         """(n, 2) m in map."""
         return np.array([self._solver.landmark(k) for k in landmarks]).reshape(-1, 2)
+
+
+def _sigma_m(covariance: FloatArray) -> float:
+    """Of a place, along its longest axis."""
+    return float(np.sqrt(max(np.linalg.eigvalsh(covariance[:2, :2])[-1], 0.0)))

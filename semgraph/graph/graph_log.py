@@ -12,6 +12,9 @@ from semgraph.graph.factors import Sighting
 from semgraph.graph.growing import Growing
 
 NOWHERE: Final = -1
+# Of a symmetric (3, 3) what is kept, and where each element is in that.
+_TRIANGLE: Final = np.triu_indices(3)
+_OF_TRIANGLE: Final = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +50,7 @@ class GraphLog:
 
     Attributes:
         start: where pose 0 is.
-        motions, motion_covariances: (n, 3) and (n, 3, 3), row k leads to pose k, row 0 to none.
+        motions: (n, 3), row k leads to pose k, row 0 to none.
         poses, tracks: (m,) of each sighting.
         landmarks: (m,) that each is of now; -1 where that was taken out.
         common_shares: (m,) of the ranges' variances.
@@ -56,16 +59,16 @@ class GraphLog:
 
     def __init__(self, start: UncertainPose2) -> None:
         self.start = start
-        self._motions, self._motion_covariances = Growing((3,)), Growing((3, 3))
+        self._motions, self._motion_triangles = Growing((3,)), Growing((6,))
         self._poses, self._tracks, self._landmarks = (Growing((), np.int32) for _ in range(3))
         self._polar, self._covariances = (Growing((n,), np.float32) for n in (2, 3))
-        self._common_shares = Growing((), np.float32)
+        self._common_shares = Growing((), np.float16)
         self._diameters = Growing((2,), np.float32)
         self._rows: dict[int, array[int]] = {}
         # How many sightings there were when a pose came: its own are later ones.
         self._num_before = array("i", [0])
         self._motions.append(np.zeros(3))
-        self._motion_covariances.append(np.zeros((3, 3)))
+        self._motion_triangles.append(np.zeros(6))
 
     @property
     def num_poses(self) -> int:
@@ -76,11 +79,6 @@ class GraphLog:
     def motions(self) -> FloatArray:
         """(n, 3)."""
         return self._motions.rows
-
-    @property
-    def motion_covariances(self) -> FloatArray:
-        """(n, 3, 3)."""
-        return self._motion_covariances.rows
 
     @property
     def poses(self) -> IntArray:
@@ -106,6 +104,11 @@ class GraphLog:
     def diameters(self) -> FloatArray:
         """(m, 2)."""
         return self._diameters.rows
+
+    def motion_covariances(self, poses: IntArray | slice) -> FloatArray:
+        """(k, 3, 3) of the motions to some poses."""
+        covariances: FloatArray = self._motion_triangles.rows[poses][:, _OF_TRIANGLE]
+        return covariances
 
     def polar(self, rows: IntArray) -> FloatArray:
         """(k, 2) range and bearing of some sightings."""
@@ -142,7 +145,7 @@ class GraphLog:
     def add_motion(self, motion: UncertainPose2) -> int:
         """The pose that it leads to."""
         self._num_before.append(len(self._poses))
-        self._motion_covariances.append(motion.covariance)
+        self._motion_triangles.append(motion.covariance[_TRIANGLE])
         return self._motions.append(motion.pose.as_array())
 
     def add_landmark(self, landmark: int) -> None:

@@ -58,6 +58,7 @@ class GraphSolver:
         windows: what of it is condensed.
         resting: what of that is not solved at the moment.
         ends: how sure the ends of windows are.
+        holds: what holds in the map what does not rest.
         isam: the rest, and the condensed.
         slots: where all of it is in there.
         firm: rows of sightings that hold without their kernel in the next update.
@@ -120,9 +121,8 @@ class GraphSolver:
 
     def add_motion(self, pose: int) -> None:
         """With the next update the motion to a pose is in the graph."""
-        factor = motion_factor(
-            pose - 1, pose, self.log.motions[pose], self.log.motion_covariances[pose]
-        )
+        (covariance,) = self.log.motion_covariances(np.array([pose]))
+        factor = motion_factor(pose - 1, pose, self.log.motions[pose], covariance)
         self.isam.add(factor, self.slots.motions, pose)
 
     def add_sighting(self, sighting: Sighting) -> None:
@@ -429,7 +429,7 @@ class GraphSolver:
         """Whether something has moved off from what rests."""
         if self.resting.awake is None:
             return False
-        poses = [pose for hold in self._holds for pose in (hold.anchor, *hold.anchor_T_poses)]
+        poses = [pose for hold in self.holds for pose in (hold.anchor, *hold.anchor_T_poses)]
         now = np.array([self.isam.pose(pose).as_array() for pose in poses])
         off = now[:, :2] - self._held_at
         return bool(np.hypot(*off.T).max() > _TORN_M)
@@ -464,7 +464,7 @@ class GraphSolver:
     def _hold(self, holds: list[Hold]) -> None:
         """The graph is to be held by these."""
         poses = [pose for hold in holds for pose in (hold.anchor, *hold.anchor_T_poses)]
-        self._holds, self._held_at = holds, self._poses.rows[poses, :2].copy()
+        self.holds, self._held_at = holds, self._poses.rows[poses, :2].copy()
 
     def _here(self) -> FloatArray:
         """(2,) where the last pose was read to be."""
@@ -571,5 +571,5 @@ class GraphSolver:
 
     def _add_holds(self) -> None:
         """What holds the graph in the map."""
-        for number, factor in enumerate(itertools.chain(*map(hold_factors, self._holds))):
+        for number, factor in enumerate(itertools.chain(*map(hold_factors, self.holds))):
             self.isam.add(factor, self.slots.holds, number)

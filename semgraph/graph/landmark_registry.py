@@ -63,6 +63,9 @@ class LandmarkRegistry:
             track = Track(number, number, GraphLandmark(kind, identity), perceptions.stamp_ns)
         else:
             track = Track(number, named.landmark, named.known, perceptions.stamp_ns)
+            for other in self._tracks[named.landmark]:
+                other.part()
+            track.join()
             track.known.num_tracks += 1
         if identity:
             self._by_identity[(kind, identity)] = track
@@ -111,6 +114,8 @@ class LandmarkRegistry:
     def merge(self, closure: Closure, scan: int) -> None:
         """Both are `closure.old` from now on."""
         joining, old = self._tracks.pop(closure.recent), self.landmarks[closure.old]
+        for track in (*joining, *self._tracks[closure.old]):
+            track.part()
         old.absorb(self.landmarks.pop(closure.recent))
         for track in joining:
             track.landmark, track.known = closure.old, old

@@ -1,13 +1,14 @@
 """Finds landmarks that are one object: where older ones are in sight again, a loop closes."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, Protocol
 
 import numpy as np
 
 from semgraph.arrays import BoolArray, FloatArray
 from semgraph.graph.association import associate, log_odds_of_pairs
+from semgraph.graph.drift import Drift
 from semgraph.graph.existence import Evidence, Existence
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.landmarks import Kind, Perceptions, SemanticObject, semantic_object
@@ -49,6 +50,10 @@ class GraphLandmark:
     def num_sightings(self) -> int:
         """In how many scans it was sighted."""
         return len(self.scans)
+
+    def copy(self) -> "GraphLandmark":
+        """The same, to go on by itself; whether it is there stays one for both."""
+        return replace(self, scans=self.scans.copy(), evidence=replace(self.evidence))
 
     def sight(self, scan: int, perceptions: Perceptions, row: int) -> None:
         """Counts a sighting and averages its attributes in."""
@@ -139,11 +144,10 @@ def find_closures(
     if not recent:
         return []
     due = set(recent) if due is None else due
-    reach_m = _reach(graph)
-    estimate = _surroundings(graph, recent, reach_m)
-    old = _candidates(recent, estimate, reach_m)
-    places = [np.array([estimate[each] for each in side]).reshape(-1, 2) for side in (recent, old)]
-    near = np.linalg.norm(places[0][:, None] - places[1][None], axis=2) <= reach_m
+    drift = graph.drift()
+    estimate = _surroundings(graph, recent, float(_reaches(drift.most_m)))
+    old = _candidates(recent, estimate, drift)
+    near = _distances(recent, old, estimate) <= _reaches(drift.sigmas_m(old))
     allowed = np.zeros_like(near)
     for row, column in np.argwhere(near):
         allowed[row, column] = landmarks[recent[row]].may_be(landmarks[old[column]])
@@ -206,24 +210,33 @@ def _surroundings(
 
 
 def _candidates(
-    recent: Sequence[int], estimate: Mapping[int, FloatArray], reach_m: float
+    recent: Sequence[int], estimate: Mapping[int, FloatArray], drift: Drift
 ) -> list[int]:
     """The nearest of the landmarks that drift may have brought apart from a recent one."""
     others = [landmark for landmark in estimate if landmark not in set(recent)]
     if not others:
         return []
-    positions = np.array([estimate[landmark] for landmark in others])
-    seen = np.array([estimate[landmark] for landmark in recent])
-    distances = np.linalg.norm(positions[:, None] - seen[None], axis=2).min(axis=1)
+    distances = _distances(recent, others, estimate).min(axis=0)
+    reaches = _reaches(drift.sigmas_m(others))
     order = np.argsort(distances, kind="stable")[:_MAX_OLD]
-    return [others[k] for k in order if distances[k] <= reach_m]
+    return [others[k] for k in order if distances[k] <= reaches[k]]
 
 
-def _reach(graph: FactorGraph) -> float:
-    """How far what is seen from the last pose may be from its other self, at 99.9 %."""
-    covariance = graph.pose_covariance(graph.num_poses - 1)
-    largest = float(np.linalg.eigvalsh(covariance[:2, :2])[-1])
-    return float(np.clip((2.0 * CHI2_2DOF_999 * largest) ** 0.5, _LEAST_REACH_M, _MAX_REACH_M))
+def _distances(
+    recent: Sequence[int], old: Sequence[int], estimate: Mapping[int, FloatArray]
+) -> FloatArray:
+    """(a, b) m between each of both."""
+    seen, known = (np.array([estimate[k] for k in side]).reshape(-1, 2) for side in (recent, old))
+    distances: FloatArray = np.linalg.norm(seen[:, None] - known[None], axis=2)
+    return distances
+
+
+def _reaches(sigmas_m: FloatArray | float) -> FloatArray:
+    """How far what is seen may be from its other self, both so unsure, at 99.9 %."""
+    reaches: FloatArray = np.clip(
+        (2.0 * CHI2_2DOF_999) ** 0.5 * np.asarray(sigmas_m), _LEAST_REACH_M, _MAX_REACH_M
+    )
+    return reaches
 
 
 def _density(estimate: Mapping[int, FloatArray], recent: Sequence[int]) -> float:

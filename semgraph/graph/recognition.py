@@ -30,6 +30,8 @@ _LOOK_ALIKES: Final = 50
 _LEAST_REACH_M: Final = 10.0
 # What landmarks of a map may be off from each other where nobody asks the graph.
 _MAP_SIGMA_M: Final = 0.1
+# How many standard deviations what is seen may be from its other self, at 99.9 %.
+_GATE: Final = (2.0 * CHI2_2DOF_999) ** 0.5
 # Fewer are found anywhere.
 _LEAST_SEEN: Final = 4
 _LEAST_SIGHTINGS: Final = 3
@@ -39,11 +41,14 @@ _WELL_KNOWN_M: Final = 1.0
 
 def is_lost(graph: FactorGraph) -> bool:
     """Whether the last pose is so unsure, for landmarks so dense, that gates hold too many."""
-    last = graph.num_poses - 1
-    reach_m = (2.0 * CHI2_2DOF_999) ** 0.5 * _sigma_m(graph.pose_covariance(last))
-    if reach_m < _LEAST_REACH_M:
+    drift = graph.drift()
+    if _GATE * drift.most_m < _LEAST_REACH_M:
         return False
-    return len(graph.near(graph.pose(last).as_array()[:2], reach_m)) > _LOOK_ALIKES
+    here = graph.pose(graph.num_poses - 1).as_array()[:2]
+    around = graph.near(here, _GATE * drift.most_m)
+    distances = np.linalg.norm(np.array(list(around.values())).reshape(-1, 2) - here, axis=1)
+    in_reach = distances <= _GATE * drift.sigmas_m(list(around))
+    return int(in_reach.sum()) > _LOOK_ALIKES
 
 
 def _sigma_m(covariance: FloatArray) -> float:

@@ -122,6 +122,11 @@ class Resting:
         """All that was sighted from what is awake."""
         return set[int]().union(*(group.landmarks for group in self._pieces()))
 
+    def beside(self) -> tuple[set[int], set[int]]:
+        """Poses and landmarks that are awake and hang together with the last pose."""
+        group = self._groups()[-1]
+        return group.poses, group.landmarks
+
     def holds(
         self,
         map_T_pose: Callable[[int], Pose2],
@@ -173,7 +178,7 @@ class Resting:
         yield _Group({max(self.since, 0)}, set(self._log.landmarks[self.rows()].tolist()))
 
     def _groups(self) -> list[_Group]:
-        """Those that hang together, together."""
+        """Those that hang together, together; last what the last pose belongs to."""
         groups: list[_Group] = []
         for piece in self._pieces():
             joined = [group for group in groups if group.touches(piece)]

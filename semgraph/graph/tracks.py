@@ -26,7 +26,7 @@ class Track:
         number: of the track, in the order of their beginnings.
         landmark: of the graph, which the track is taken to show.
         known: of that landmark.
-        own: what this track alone says of it.
+        own: what this track alone says of it; the same as long as no other shows it.
     """
 
     number: int
@@ -43,10 +43,18 @@ class Track:
 
     def __post_init__(self) -> None:
         self._last_ns = self.first_ns
+        self.own = self.known
+
+    def part(self) -> None:
+        """Other tracks are to show its landmark too."""
+        if self.own is self.known:
+            self.own = self.known.copy()
+
+    def join(self) -> None:
+        """Others have shown its landmark, it did not as yet."""
+        known = self.known
         # Whether it is there is no matter of tracks.
-        self.own = GraphLandmark(
-            self.known.kind, self.known.identity, existence=self.known.existence
-        )
+        self.own = GraphLandmark(known.kind, known.identity, existence=known.existence)
 
     @property
     def is_due(self) -> bool:
@@ -56,7 +64,7 @@ class Track:
     def sight(self, scan: int, perceptions: Perceptions, row: int) -> None:
         """It is sighted in its place; of a gap before that only half a second counts as stayed."""
         stayed_ns = min(perceptions.stamp_ns - self._last_ns, _GAP_NS)
-        for known in (self.own, self.known):
+        for known in (self.known,) if self.own is self.known else (self.own, self.known):
             known.sight(scan, perceptions, row)
             known.stayed_ns += stayed_ns
         self._last_ns = perceptions.stamp_ns

@@ -126,7 +126,7 @@ class Windows:
         stretch = Stretch(
             map_T_bases,
             log.motions[motions],
-            log.motion_covariances[motions],
+            log.motion_covariances(motions),
             log.poses[rows] - first,
             things.ravel(),
             log.polar(rows),
@@ -198,6 +198,6 @@ class Windows:
 
     def _is_sure(self, pose: int) -> bool:
         """Whether the motion to a pose is."""
-        covariance = self._log.motion_covariances[pose]
+        (covariance,) = self._log.motion_covariances(np.array([pose]))
         position2 = float(covariance[0, 0] + covariance[1, 1])
         return bool(position2 < _SURE_M**2 and covariance[2, 2] < _SURE_RAD**2)
