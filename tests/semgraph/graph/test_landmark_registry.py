@@ -90,7 +90,25 @@ def test_what_was_known_before_is_known_again() -> None:
     assert registry.may_merge(Closure(2, 1, 99.0))
 
 
-def perceived(scan: int, diameter_m: float) -> Perceptions:
+def test_a_marker_that_comes_back_is_one_landmark_and_two_tracks() -> None:
+    """What the first track says of it stays as it is when the second goes on."""
+    registry = LandmarkRegistry()
+    for scan, tracker_id in enumerate([0, 0, 0, 1, 1]):
+        seen = perceived(scan, 0.2 + 0.1 * tracker_id, "7")
+        track = registry.track(tracker_id, seen, 0)
+        registry.landmarks.setdefault(track.landmark, track.known)
+        track.sight(scan, seen, 0)
+    first, second = registry.tracks(0)
+    assert first.known is second.known is registry.landmarks[0]
+    assert list(first.own.scans) == [0, 1, 2]
+    assert list(second.own.scans) == [3, 4]
+    assert list(first.known.scans) == [0, 1, 2, 3, 4]
+    assert (first.own.num_tracks, first.known.num_tracks) == (1, 2)
+    assert second.own.diameter()[0] == pytest.approx(0.3)
+    assert first.own.existence is first.known.existence
+
+
+def perceived(scan: int, diameter_m: float, identity: str = "") -> Perceptions:
     return Perceptions.from_arrays(
         100_000_000 * scan,
         Kind.TREE,
@@ -99,4 +117,5 @@ def perceived(scan: int, diameter_m: float) -> Perceptions:
         np.diag([0.03, 0.01])[None] ** 2,
         diameters_m=np.array([diameter_m]),
         diameter_sigmas_m=np.array([0.02]),
+        identities=np.array([identity]),
     )

@@ -10,7 +10,7 @@ from semgraph.arrays import FloatArray
 from semgraph.errors import GraphError
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.graph.factor_graph import FactorGraph
-from semgraph.graph.factors import Sighting
+from semgraph.graph.factors import Sighting, pose_key
 from semgraph.graph.graph_states import GraphEstimate
 from semgraph.graph.incremental import Incremental, NoCovarianceError, Values
 from semgraph.measurement_model import predict
@@ -125,6 +125,35 @@ def test_groups_that_are_not_joined_are_as_unsure_of_each_other_as_they_are(
         differences @ graph.landmark_covariance(pair) @ differences.T for graph in (resting, whole)
     )
     assert 0.9 < here.trace() / there.trace() < 2.0
+
+
+def test_what_hangs_together_has_drifted_less_than_it_is_unsure_in_the_map(
+    resting: FactorGraph, whole: FactorGraph
+) -> None:
+    """As the joint covariance with what holds it says; what only the map joins is unsure of all."""
+    drift, last, solver = resting.drift(), resting.num_poses - 1, resting._solver
+    new = min(name for name in resting.landmarks() if name >= LAP)
+    assert drift.beside is not None
+    assert new in drift.beside
+    assert new - LAP not in drift.beside
+    anchor = solver.holds[-1].anchor
+    joint = solver.isam.covariance([pose_key(anchor), pose_key(last)])
+    last_Ad_anchor = resting.pose(last).between(resting.pose(anchor)).adjoint()
+    to_last = np.hstack([-last_Ad_anchor, np.eye(3)])
+    exact = (to_last @ joint @ to_last.T)[:2, :2]
+    assert drift.beside_m == pytest.approx(np.linalg.eigvalsh(exact)[-1] ** 0.5, rel=0.1)
+    assert drift.beside_m < 0.2 < drift.apart_m
+    assert drift.sigmas_m([new, new - LAP]).tolist() == [drift.beside_m, drift.apart_m]
+    assert whole.drift().beside is None
+    assert whole.drift().beside_m == pytest.approx(whole.drift().apart_m, rel=0.05)
+
+
+def test_two_groups_that_became_one_are_as_unsure_as_the_map_says(resting: FactorGraph) -> None:
+    join(resting)
+    drift = resting.drift()
+    assert drift.beside is not None
+    assert {0, max(resting.landmarks()) % LAP} <= drift.beside
+    assert drift.beside_m == drift.apart_m
 
 
 def test_a_loop_that_closes_brings_what_rests_to_the_optimum_too(resting: FactorGraph) -> None:
