@@ -365,7 +365,7 @@ class FactorGraph:
         """The landmarks within a radius of a point (2,), with their positions (2,)."""
         around = {
             landmark: self.landmark(landmark)
-            for landmark in self._solver.places.around(map_t_point, radius_m + JUMP_M)
+            for landmark in self._solver.last_read.places.around(map_t_point, radius_m + JUMP_M)
         }
         return {
             landmark: place

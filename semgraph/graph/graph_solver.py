@@ -26,15 +26,12 @@ from semgraph.graph.factors import (
 )
 from semgraph.graph.graph_log import GraphLog
 from semgraph.graph.graph_states import AllSlots, GraphEstimate, Snapshot
-from semgraph.graph.growing import Growing
 from semgraph.graph.incremental import Incremental, UpdateError, Values
+from semgraph.graph.last_read import LastRead
 from semgraph.graph.resting import Resting
 from semgraph.graph.window_ends import WindowEnds
 from semgraph.graph.windows import NONE, Window, Windows
-from semgraph.point_grid import PointGrid
 
-# Cells of the places of landmarks; about as far as things are seen.
-_CELL_M: Final = 10.0
 # By so much the last pose may jump before all that was read of the graph is stale.
 JUMP_M: Final = 0.5
 # From so many windows on those far off rest.
@@ -62,7 +59,7 @@ class GraphSolver:
         isam: the rest, and the condensed.
         slots: where all of it is in there.
         firm: rows of sightings that hold without their kernel in the next update.
-        places: of landmarks, as they were last read.
+        last_read: where all is.
         incidents: what went wrong and was mended, one line each.
     """
 
@@ -73,17 +70,12 @@ class GraphSolver:
         self.isam = Incremental()
         self.slots = AllSlots()
         self.firm: list[int] = []
-        self.places = PointGrid(_CELL_M)
+        self.last_read = LastRead(map_T_start.pose)
         self.incidents: list[str] = []
-        # Of each variable the last that was read; of what was not read as yet, its first guess.
-        self._poses, self._landmarks = Growing((3,)), dict[int, FloatArray]()
-        self._is_current = False
-        self._are_current = set[int]()
         self._last_updated = -1
         self._num_failures = 0
         # Whether something became one with what rests, since was chosen what does.
         self._is_stale = False
-        self._poses.append(map_T_start.pose.as_array())
         self._hold([Hold(0, map_T_start)])
         self._add_holds()
         self.isam.insert_pose(0, map_T_start.pose)
@@ -101,7 +93,7 @@ class GraphSolver:
     def add_pose(self, motion: UncertainPose2, guess: Pose2) -> int:
         """Its number."""
         index = self.log.add_motion(motion)
-        self._poses.append(guess.as_array())
+        self.last_read.add_pose(guess)
         self.isam.insert_pose(index, guess)
         self.add_motion(index)
         return index
@@ -109,15 +101,13 @@ class GraphSolver:
     def add_landmark(self, landmark: int, guess: FloatArray) -> None:
         """One more, near (2,)."""
         self.log.add_landmark(landmark)
-        self.move(landmark, guess)
+        self.last_read.put(landmark, guess)
         self.isam.insert_landmark(landmark, guess)
 
     def forget(self, landmark: int) -> None:
         """It is no more."""
         self.log.forget(landmark)
-        del self._landmarks[landmark]
-        self._are_current.discard(landmark)
-        self.places.remove(landmark)
+        self.last_read.forget(landmark)
 
     def add_motion(self, pose: int) -> None:
         """With the next update the motion to a pose is in the graph."""
@@ -175,11 +165,12 @@ class GraphSolver:
 
         A failure is named in `incidents`, and the graph rebuilt from its own log.
         """
-        before = self._poses.rows[self.last].copy()
         try:
             if not relinearize:
                 self._condense_next()
-            is_left = len(self.windows) >= _LONG_WINDOWS and self.resting.is_left(self._here())
+            is_left = len(self.windows) >= _LONG_WINDOWS and self.resting.is_left(
+                self.last_read.last_position()
+            )
             if self._is_stale or (is_left and not relinearize):
                 if self.knit():
                     return
@@ -187,17 +178,14 @@ class GraphSolver:
             self.add_windows()
             self.isam.update(relinearize=relinearize)
             self._let_go()
-            self._moved_on(before)
+            self._moved_on()
         except UpdateError as error:
             self._mend(error)
         self._settled()
 
-    def _moved_on(self, before: FloatArray) -> None:
-        """Nothing that was read is current; all is read where the last pose (3,) has jumped."""
-        self._is_current = False
-        self._are_current.clear()
-        self._poses.rows[self.last] = self.isam.pose(self.last).as_array()
-        if np.hypot(*(self._poses.rows[self.last] - before)[:2]) > JUMP_M:
+    def _moved_on(self) -> None:
+        """Nothing that was read is current; all is read where the last pose has jumped."""
+        if self.last_read.move_on(self.isam.pose(self.last)) > JUMP_M:
             self._read_all()
 
     def _mend(self, error: UpdateError) -> None:
@@ -212,11 +200,10 @@ class GraphSolver:
     def settle(self) -> None:
         """Linearizes again until little moves: what one update after a great change leaves open."""
         self.update(relinearize=True)
-        before = self._poses.rows[self.last].copy()
         try:
             self.isam.linearize_again(_SETTLING, everywhere=not self.is_long)
-            self._moved_on(before)
-            if not (self.is_long or self._is_current):
+            self._moved_on()
+            if not (self.is_long or self.last_read.is_current):
                 self._read_all()
         except UpdateError as error:
             self._mend(error)
@@ -258,7 +245,6 @@ class GraphSolver:
         except GraphError:
             self.isam, self.slots = kept
             raise
-        self._are_current.clear()
 
     def pose(self, index: int) -> Pose2:
         """map_T_base of one pose as of the last update."""
@@ -266,7 +252,7 @@ class GraphSolver:
             return Pose2.from_array(self.poses(np.array([index]))[0])
         if self.resting.awake is None or self.isam.has_pose(index):
             return self.isam.pose(index)
-        return Pose2.from_array(self._poses.rows[index])
+        return self.last_read.pose(index)
 
     def poses(self, indices: IntArray) -> FloatArray:
         """(n, 3) of some; those of one window after each other take little more than one."""
@@ -284,16 +270,13 @@ class GraphSolver:
 
     def landmark(self, landmark: int) -> FloatArray:
         """map_t_landmark (2,) as of the last update; of what is newer, the guess."""
-        if landmark not in self._are_current and self.isam.has_landmark(landmark):
-            self.move(landmark, self.isam.landmark(landmark))
-            self._are_current.add(landmark)
-        return self._landmarks[landmark]
+        return self.last_read.read_landmark(landmark, self.isam)
 
     def estimate(self) -> GraphEstimate:
         """All poses and landmarks as of the last update; takes time as long as the run."""
-        if not self._is_current:
+        if not self.last_read.is_current:
             self._read_all()
-        return GraphEstimate(self._poses.rows.copy(), dict(self._landmarks))
+        return self.last_read.estimate()
 
     def condense(self, first: int, last: int, rows: IntArray) -> tuple[IntArray, Condensed]:
         """Landmark and track of each thing in a stretch, and what it says where all is now."""
@@ -343,12 +326,7 @@ class GraphSolver:
 
     def start_from(self, estimate: GraphEstimate) -> None:
         """Builds the graph from the log, with everything here and nothing waiting."""
-        self._poses.rows[: len(estimate.map_T_bases)] = estimate.map_T_bases
-        self._are_current.clear()
-        for landmark, place in estimate.map_t_landmarks.items():
-            if landmark in self.log:
-                self.move(landmark, place)
-        self._is_current = True
+        self.last_read.start_from(estimate)
         self.rebuild()
 
     def rebuild(self) -> None:
@@ -363,7 +341,7 @@ class GraphSolver:
             self._add_all()
             try:
                 self.isam.update()
-                steps = 0 if self._is_current else _SETTLING
+                steps = 0 if self.last_read.is_current else _SETTLING
                 self.isam.linearize_again(steps, everywhere=not self.is_long)
                 self._last_updated = self.last
                 self._read_all()
@@ -375,11 +353,6 @@ class GraphSolver:
         self.isam, self.slots = old
         self.isam.factorization = "QR"
         raise GraphError(f"the graph cannot be solved: {failure}") from failure
-
-    def move(self, landmark: int, place: FloatArray) -> None:
-        """It was read to be there."""
-        self._landmarks[landmark] = place
-        self.places.put(landmark, place)
 
     def wake(self, landmarks: Sequence[int] | None = None) -> None:
         """Nothing that was sighted of some landmarks rests, None for all; rather all than less."""
@@ -401,7 +374,7 @@ class GraphSolver:
 
     def _bring(self, landmarks: Sequence[int]) -> None:
         """Chooses anew what is awake, with all windows that sighted these landmarks."""
-        self.resting.ask(np.array([self._landmarks[each] for each in landmarks]))
+        self.resting.ask(np.array([self.last_read.landmark(each) for each in landmarks]))
         self._choose(landmarks)
         self.update(relinearize=True)
 
@@ -449,11 +422,13 @@ class GraphSolver:
         """
         self.estimate()
         before = set(self.resting.ends())
-        self.resting.choose(self._here(), self.places, landmarks)
+        self.resting.choose(self.last_read.last_position(), self.last_read.places, landmarks)
         leaving = before.difference(self.resting.ends())
         self.incidents += self.ends.solve(leaving.union(self.resting.rims()), self.isam)
         try:
-            self._hold(self.resting.holds(self._read_pose, self.landmark, self.ends.covariances))
+            self._hold(
+                self.resting.holds(self.last_read.pose, self.landmark, self.ends.covariances)
+            )
         except GraphError as error:
             self.incidents.append(f"nothing rests: {error}")
             self._wake()
@@ -464,15 +439,7 @@ class GraphSolver:
     def _hold(self, holds: list[Hold]) -> None:
         """The graph is to be held by these."""
         poses = [pose for hold in holds for pose in (hold.anchor, *hold.anchor_T_poses)]
-        self.holds, self._held_at = holds, self._poses.rows[poses, :2].copy()
-
-    def _here(self) -> FloatArray:
-        """(2,) where the last pose was read to be."""
-        here: FloatArray = self._poses.rows[self.last, :2].copy()
-        return here
-
-    def _read_pose(self, index: int) -> Pose2:
-        return Pose2.from_array(self._poses.rows[index])
+        self.holds, self._held_at = holds, self.last_read.positions(poses)
 
     def _condense_next(self) -> None:
         """Takes one window of poses out with the next update, and its factor in."""
@@ -525,18 +492,11 @@ class GraphSolver:
         """All variables, poses that were given up included."""
         if self._last_updated >= 0:
             self._take(self.isam.values())
-        self._is_current = True
+        self.last_read.is_current = True
 
     def _take(self, values: Values) -> None:
         """Everything is there."""
-        self._poses.rows[values.poses] = values.map_T_bases
-        for landmark, place in values.map_t_landmarks.items():
-            if landmark in self.log:
-                self.move(landmark, place)
-        for number in self.resting.numbers():
-            window = self.windows[number]
-            followed = follow(self._poses.rows[window.first], window.condensed)
-            self._poses.rows[window.first + 1 : window.last] = followed
+        self.last_read.take(values, self.windows, self.resting.numbers())
 
     def _settled(self) -> None:
         """Nothing waits any more."""
@@ -558,9 +518,14 @@ class GraphSolver:
         ends = () if self.resting.awake is None else self.resting.ends()
         for pose in sorted({*live, *ends}):
             if self.windows.of_pose(pose) == NONE:
-                self.isam.insert_pose(pose, self._read_pose(pose))
-        for landmark in self._landmarks if self.resting.awake is None else self.resting.landmarks():
-            self.isam.insert_landmark(landmark, self._landmarks[landmark])
+                self.isam.insert_pose(pose, self.last_read.pose(pose))
+        for landmark in self._solved_landmarks():
+            self.isam.insert_landmark(landmark, self.last_read.landmark(landmark))
+
+    def _solved_landmarks(self) -> Iterable[int]:
+        """All that do not rest."""
+        is_whole = self.resting.awake is None
+        return self.last_read.landmarks() if is_whole else self.resting.landmarks()
 
     def _rows(self) -> IntArray:
         """Sightings among which those are that are factors of their own."""
