@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 
@@ -63,6 +64,14 @@ class FactorGraph:
     def incidents(self) -> Sequence[str]:
         """What went wrong in updates and how it was mended, one line each."""
         return tuple(self._solver.incidents)
+
+    @property
+    def glimpsed(self) -> Set[int]:
+        """Landmarks that one sighting showed, a while ago: they hold nothing, and are not solved.
+
+        In `near` they stay where they were seen, whatever was found out of the pose since.
+        """
+        return self._solver.windows.glimpsed
 
     def landmarks(self) -> tuple[int, ...]:
         """The landmarks in the graph."""
@@ -136,6 +145,7 @@ class FactorGraph:
         if gone == kept:
             raise GraphError(f"landmark {gone}: expected another one to merge it with")
         self._check_updated(gone)
+        self._solver.show((gone, kept))
         rows = self._solver.log.rows(gone)
         if self.are_far_apart(gone, kept):
             self._solver.firm += self._solver.live(rows)
@@ -182,13 +192,7 @@ class FactorGraph:
         windows, numbers = self._solver.windows, self._solver.windows.of(landmark)
         self._solver.forget(landmark)
         for number in numbers:
-            first, last = windows[number].first, windows[number].last
-            rows = self._solver.log.rows_of_poses(first + 1, last)
-            try:
-                windows.replace(number, *self._solver.condense(first, last, rows))
-            except GraphError as error:
-                self._solver.incidents.append(f"nothing is condensed any more: {error}")
-                self._solver.uncondense()
+            if not self._solver.recondense(number):
                 self._covariances.forget()
                 return
         windows.forget(landmark)
@@ -363,15 +367,10 @@ class FactorGraph:
 
     def near(self, map_t_point: FloatArray, radius_m: float) -> dict[int, FloatArray]:
         """The landmarks within a radius of a point (2,), with their positions (2,)."""
-        around = {
-            landmark: self.landmark(landmark)
-            for landmark in self._solver.last_read.places.around(map_t_point, radius_m + JUMP_M)
-        }
-        return {
-            landmark: place
-            for landmark, place in around.items()
-            if np.hypot(*(place - map_t_point)) <= radius_m
-        }
+        around = list(self._solver.last_read.places.around(map_t_point, radius_m + JUMP_M))
+        places = np.array([self.landmark(landmark) for landmark in around]).reshape(-1, 2)
+        is_near = np.hypot(*(places - map_t_point).T) <= radius_m
+        return dict(zip(compress(around, is_near), places[is_near], strict=True))
 
     def estimate(self) -> GraphEstimate:
         """All poses and landmarks as of the last update; takes time as long as the run."""

@@ -48,6 +48,7 @@ class GraphCovariances:
 
     def of_landmarks_together(self, landmarks: Sequence[int]) -> FloatArray:
         """(2n, 2n) joint covariance of landmarks, in map, in the order given."""
+        self._show(landmarks)
         if self._solver.bring(landmarks):
             self.forget()
         return self.joint([landmark_key(landmark) for landmark in landmarks])
@@ -80,6 +81,7 @@ class GraphCovariances:
 
     def of_landmarks(self, landmarks: Sequence[int]) -> FloatArray:
         """(n, 2, 2) marginal covariance of each landmark, in map; with errors in common."""
+        self._show(landmarks)
         if not all(map(self._solver.isam.has_landmark, landmarks)):
             self._wake()
         keys = [landmark_key(landmark) for landmark in landmarks]
@@ -255,6 +257,13 @@ class GraphCovariances:
             self.forget()
         elif not all(map(self._solver.isam.has_pose, poses)):
             self._wake()
+
+    def _show(self, landmarks: Sequence[int]) -> None:
+        """What of these was only glimpsed is solved from now on."""
+        if not self._solver.windows.glimpsed.isdisjoint(landmarks):
+            self._solver.show(landmarks)
+            self._solver.update()
+            self.forget()
 
     def _wake(self) -> None:
         """Nothing rests until the next update."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import GraphError
-from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.geometry import Pose2, UncertainPose2, transform_points
 from semgraph.graph.condensation import Condensed, follow
 from semgraph.graph.factors import (
     Hold,
@@ -117,6 +117,7 @@ class GraphSolver:
 
     def add_sighting(self, sighting: Sighting) -> None:
         """With the next update it is."""
+        self.show([sighting.landmark])
         row = self.log.add_sighting(sighting)
         self._is_stale |= self._rests(sighting.landmark)
         self._add_sighting(row, sighting)
@@ -145,7 +146,37 @@ class GraphSolver:
             self.resting.awake is not None
             and not self.isam.has_landmark(landmark)
             and self.log.poses[self.log.first_row(landmark)] <= self.resting.since
+            and self.resting.awake.isdisjoint(self.windows.of(landmark))
         )
+
+    def show(self, landmarks: Iterable[int]) -> None:
+        """With the next update those of these that were glimpsed are in the graph as all others."""
+        for landmark in self.windows.glimpsed.intersection(landmarks):
+            row = self.log.first_row(landmark)
+            number = self.windows.of_motion(int(self.log.poses[row]))
+            self.last_read.put(landmark, self._sighted_at(np.array([row]))[0])
+            self.windows.glimpsed.discard(landmark)
+            is_solved = number in self.resting.numbers()
+            if self.recondense(number) and is_solved:
+                self.isam.insert_landmark(landmark, self.last_read.landmark(landmark))
+
+    def recondense(self, number: int) -> bool:
+        """Whether that window can be condensed anew; if not none is any more."""
+        window = self.windows[number]
+        try:
+            rows = self.windows.rows(number)
+            self.windows.replace(number, *self.condense(window.first, window.last, rows))
+        except GraphError as error:
+            self.incidents.append(f"nothing is condensed any more: {error}")
+            self.uncondense()
+            return False
+        return True
+
+    def _sighted_at(self, rows: IntArray) -> FloatArray:
+        """(k, 2) where sightings were, in map."""
+        ranges_m, bearings = self.log.polar(rows).T
+        base_t_things = ranges_m[:, None] * np.column_stack([np.cos(bearings), np.sin(bearings)])
+        return transform_points(self.poses(self.log.poses[rows]), base_t_things)
 
     def hand_over(self, rows: IntArray, landmark: int) -> None:
         """With the next update these are sightings of another landmark."""
@@ -274,8 +305,11 @@ class GraphSolver:
 
     def estimate(self) -> GraphEstimate:
         """All poses and landmarks as of the last update; takes time as long as the run."""
-        if not self.last_read.is_current:
-            self._read_all()
+        self._make_current()
+        glimpsed = sorted(self.windows.glimpsed)
+        rows = np.array([self.log.first_row(each) for each in glimpsed], dtype=np.int64)
+        for landmark, place in zip(glimpsed, self._sighted_at(rows), strict=True):
+            self.last_read.put(landmark, place)
         return self.last_read.estimate()
 
     def condense(self, first: int, last: int, rows: IntArray) -> tuple[IntArray, Condensed]:
@@ -295,6 +329,7 @@ class GraphSolver:
             self.slots.copy(),
             self.log.landmarks.copy(),
             len(self.windows),
+            frozenset(self.windows.glimpsed),
             self.resting.num_choices,
         )
 
@@ -307,6 +342,7 @@ class GraphSolver:
             len(snapshot.estimate.map_T_bases) == self.log.num_poses
             and np.array_equal(snapshot.landmarks, self.log.landmarks)
             and snapshot.num_windows == len(self.windows)
+            and snapshot.glimpsed == self.windows.glimpsed
             and snapshot.num_choices == self.resting.num_choices
         )
         if not is_same:
@@ -410,7 +446,7 @@ class GraphSolver:
     def _wake(self) -> None:
         """With the next graph that is built nothing rests."""
         if self.resting.awake is not None:
-            self.estimate()
+            self._make_current()
             self.resting.wake()
             self._hold([Hold(0, self.log.start)])
 
@@ -420,7 +456,7 @@ class GraphSolver:
         Args:
             landmarks: that do not rest, wherever they are.
         """
-        self.estimate()
+        self._make_current()
         before = set(self.resting.ends())
         self.resting.choose(self.last_read.last_position(), self.last_read.places, landmarks)
         leaving = before.difference(self.resting.ends())
@@ -450,8 +486,9 @@ class GraphSolver:
         motions, rows = range(first + 1, last + 1), self.log.rows_of_poses(first + 1, last)
         if any(self.slots.sightings[row] == NONE for row in rows.tolist()):
             return
+        is_glimpse = self.windows.glimpses(rows)
         try:
-            names, condensed = self.condense(first, last, rows)
+            names, condensed = self.condense(first, last, rows[~is_glimpse])
         except GraphError as error:
             self.incidents.append(f"poses {first} to {last} are not condensed: {error}")
             self.windows.skip(last)
@@ -462,6 +499,7 @@ class GraphSolver:
             self.isam.remove(self.slots.sightings, row)
         window = Window(first, last, names[:, 1], names[:, 0], condensed)
         number = self.windows.add(window)
+        self.windows.glimpsed.update(self.log.landmarks[rows[is_glimpse]].tolist())
         self.ends.keep(last, self.pose)
         if self.resting.awake is not None:
             self.resting.awake.add(number)
@@ -494,6 +532,11 @@ class GraphSolver:
             self._take(self.isam.values())
         self.last_read.is_current = True
 
+    def _make_current(self) -> None:
+        """All that was read is as of the last update."""
+        if not self.last_read.is_current:
+            self._read_all()
+
     def _take(self, values: Values) -> None:
         """Everything is there."""
         self.last_read.take(values, self.windows, self.resting.numbers())
@@ -523,9 +566,10 @@ class GraphSolver:
             self.isam.insert_landmark(landmark, self.last_read.landmark(landmark))
 
     def _solved_landmarks(self) -> Iterable[int]:
-        """All that do not rest."""
+        """All that do not rest and were not only glimpsed."""
         is_whole = self.resting.awake is None
-        return self.last_read.landmarks() if is_whole else self.resting.landmarks()
+        names = self.last_read.landmarks() if is_whole else self.resting.landmarks()
+        return (name for name in names if name not in self.windows.glimpsed)
 
     def _rows(self) -> IntArray:
         """Sightings among which those are that are factors of their own."""

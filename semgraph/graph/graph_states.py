@@ -47,6 +47,7 @@ class Snapshot:
         isam, slots: copies.
         landmarks: (m,) of each sighting, as the log has them.
         num_windows: that were condensed.
+        glimpsed: landmarks that were left out of those.
         num_choices: how often what rests was chosen before.
     """
 
@@ -55,4 +56,5 @@ class Snapshot:
     slots: AllSlots
     landmarks: IntArray
     num_windows: int
+    glimpsed: frozenset[int]
     num_choices: int

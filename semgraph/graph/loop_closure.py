@@ -140,13 +140,16 @@ def find_closures(
         least_log_odds: how sure is sure enough.
         due: those of which there is new evidence, None for all; without a pair of one of these
             nothing is asked of the graph.
+
+    What was only glimpsed proves nothing, and is left to the end.
     """
+    recent = [landmark for landmark in recent if landmark not in graph.glimpsed]
     if not recent:
         return []
     due = set(recent) if due is None else due
     drift = graph.drift()
     estimate = _surroundings(graph, recent, float(_reaches(drift.most_m)))
-    old = _candidates(recent, estimate, drift)
+    old = _candidates(recent, [k for k in estimate if k not in graph.glimpsed], estimate, drift)
     near = _distances(recent, old, estimate) <= _reaches(drift.sigmas_m(old))
     allowed = np.zeros_like(near)
     for row, column in np.argwhere(near):
@@ -210,10 +213,13 @@ def _surroundings(
 
 
 def _candidates(
-    recent: Sequence[int], estimate: Mapping[int, FloatArray], drift: Drift
+    recent: Sequence[int],
+    known: Iterable[int],
+    estimate: Mapping[int, FloatArray],
+    drift: Drift,
 ) -> list[int]:
-    """The nearest of the landmarks that drift may have brought apart from a recent one."""
-    others = [landmark for landmark in estimate if landmark not in set(recent)]
+    """The nearest of those known that drift may have brought apart from a recent one."""
+    others = [landmark for landmark in known if landmark not in set(recent)]
     if not others:
         return []
     distances = _distances(recent, others, estimate).min(axis=0)

@@ -7,7 +7,7 @@ from typing import Final, final
 
 import numpy as np
 
-from semgraph.arrays import FloatArray, IntArray
+from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.graph.condensation import Condensed, Stretch, condense
 from semgraph.graph.graph_log import GraphLog
 
@@ -46,6 +46,8 @@ class Windows:
 
     Attributes:
         end: the pose that the next window begins with, at the earliest.
+        glimpsed: landmarks that are in no window, though a scan of one showed them: that one only,
+            so they hold nothing. Where perceptions are false that is most of all.
     """
 
     def __init__(self, log: GraphLog, length: int) -> None:
@@ -59,6 +61,7 @@ class Windows:
         self._by_landmark: dict[int, list[int]] = {}
         self.end = end
         self.changed: set[int] = set()
+        self.glimpsed: set[int] = set()
 
     def __len__(self) -> int:
         return len(self._windows)
@@ -100,6 +103,19 @@ class Windows:
             # Too short, or behind a motion that nothing is sure of.
             self.end = max(last, first + 1)
         return None
+
+    def glimpses(self, rows: IntArray) -> BoolArray:
+        """(k,) of some sightings those whose landmark no other one shows."""
+        counts = (len(self._log.rows(name)) for name in self._log.landmarks[rows].tolist())
+        return np.fromiter((count == 1 for count in counts), dtype=bool, count=len(rows))
+
+    def rows(self, number: int) -> IntArray:
+        """(k,) sightings that a window is to be condensed of."""
+        window = self._windows[number]
+        rows = self._log.rows_of_poses(window.first + 1, window.last)
+        names = self._log.landmarks[rows].tolist()
+        shown: IntArray = rows[[name not in self.glimpsed for name in names]]
+        return shown
 
     def skip(self, last: int) -> None:
         """What could not be condensed stays as it is."""
@@ -180,15 +196,18 @@ class Windows:
             self.forget(landmark)
 
     def replace(self, number: int, names: IntArray, condensed: Condensed) -> None:
-        """It was condensed anew, without what has been taken out."""
+        """It was condensed anew, without what has been taken out, or with what was left out."""
         window = self._windows[number]
         window.landmarks, window.tracks = names[:, 0], names[:, 1]
         window.condensed = condensed
+        for landmark in window.landmarks.tolist():
+            self._note(landmark, number)
         self.changed.add(number)
 
     def forget(self, landmark: int) -> None:
         """It is in no window any more."""
         self._by_landmark.pop(landmark, None)
+        self.glimpsed.discard(landmark)
 
     def _note(self, landmark: int, number: int) -> None:
         """A window sighted it; of most landmarks there are few, and lists are small."""
