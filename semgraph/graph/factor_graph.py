@@ -145,7 +145,9 @@ class FactorGraph:
         if gone == kept:
             raise GraphError(f"landmark {gone}: expected another one to merge it with")
         self._check_updated(gone)
-        self._solver.show((gone, kept))
+        self._solver.show([kept])
+        if gone in self.glimpsed:
+            self._solver.take_up(gone)
         rows = self._solver.log.rows(gone)
         if self.are_far_apart(gone, kept):
             self._solver.firm += self._solver.live(rows)

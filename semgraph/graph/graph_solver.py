@@ -152,13 +152,22 @@ class GraphSolver:
     def show(self, landmarks: Iterable[int]) -> None:
         """With the next update those of these that were glimpsed are in the graph as all others."""
         for landmark in self.windows.glimpsed.intersection(landmarks):
-            row = self.log.first_row(landmark)
-            number = self.windows.of_motion(int(self.log.poses[row]))
-            self.last_read.put(landmark, self._sighted_at(np.array([row]))[0])
-            self.windows.glimpsed.discard(landmark)
-            is_solved = number in self.resting.numbers()
-            if self.recondense(number) and is_solved:
+            if self.take_up(landmark):
                 self.isam.insert_landmark(landmark, self.last_read.landmark(landmark))
+
+    def take_up(self, glimpsed: int) -> bool:
+        """With the next update what showed this landmark is in its window, and asks where it is.
+
+        Returns:
+            whether that window neither rests nor is no more.
+        """
+        row = self.log.first_row(glimpsed)
+        number = self.windows.of_motion(int(self.log.poses[row]))
+        (place,) = self._places(np.array([row]), self.poses(self.log.poses[[row]]))
+        self.last_read.put(glimpsed, place)
+        self.windows.glimpsed.discard(glimpsed)
+        is_awake = self.resting.awake is None or number in self.resting.awake
+        return self.recondense(number) and is_awake
 
     def recondense(self, number: int) -> bool:
         """Whether that window can be condensed anew; if not none is any more."""
@@ -172,11 +181,11 @@ class GraphSolver:
             return False
         return True
 
-    def _sighted_at(self, rows: IntArray) -> FloatArray:
-        """(k, 2) where sightings were, in map."""
+    def _places(self, rows: IntArray, map_T_bases: FloatArray) -> FloatArray:
+        """(k, 2) of sightings, from poses (k, 3)."""
         ranges_m, bearings = self.log.polar(rows).T
         base_t_things = ranges_m[:, None] * np.column_stack([np.cos(bearings), np.sin(bearings)])
-        return transform_points(self.poses(self.log.poses[rows]), base_t_things)
+        return transform_points(map_T_bases, base_t_things)
 
     def hand_over(self, rows: IntArray, landmark: int) -> None:
         """With the next update these are sightings of another landmark."""
@@ -267,7 +276,7 @@ class GraphSolver:
         Raises:
             GraphError: it cannot be solved; all is as it was.
         """
-        self.estimate()
+        self._make_current()
         kept = self.isam, self.slots
         self.isam, self.slots = Incremental(self.isam.factorization), AllSlots()
         try:
@@ -308,7 +317,8 @@ class GraphSolver:
         self._make_current()
         glimpsed = sorted(self.windows.glimpsed)
         rows = np.array([self.log.first_row(each) for each in glimpsed], dtype=np.int64)
-        for landmark, place in zip(glimpsed, self._sighted_at(rows), strict=True):
+        places = self._places(rows, self.last_read.poses(self.log.poses[rows]))
+        for landmark, place in zip(glimpsed, places, strict=True):
             self.last_read.put(landmark, place)
         return self.last_read.estimate()
 
@@ -475,7 +485,7 @@ class GraphSolver:
     def _hold(self, holds: list[Hold]) -> None:
         """The graph is to be held by these."""
         poses = [pose for hold in holds for pose in (hold.anchor, *hold.anchor_T_poses)]
-        self.holds, self._held_at = holds, self.last_read.positions(poses)
+        self.holds, self._held_at = holds, self.last_read.poses(poses)[:, :2]
 
     def _condense_next(self) -> None:
         """Takes one window of poses out with the next update, and its factor in."""

@@ -56,9 +56,9 @@ class LastRead:
         """map_T_base."""
         return Pose2.from_array(self._poses.rows[index])
 
-    def positions(self, indices: IntArray | list[int]) -> FloatArray:
-        """(n, 2) m of some poses."""
-        found: FloatArray = self._poses.rows[indices, :2]
+    def poses(self, indices: IntArray | list[int]) -> FloatArray:
+        """(n, 3) of some."""
+        found: FloatArray = self._poses.rows[indices]
         return found
 
     def last_position(self) -> FloatArray:
