@@ -1,6 +1,6 @@
 """Sightings that fit something else, or nothing, once all is known."""
 
-from collections.abc import Hashable, Mapping, Set
+from collections.abc import Hashable, Iterator, Mapping, Set
 from dataclasses import dataclass
 from typing import Final
 
@@ -44,17 +44,13 @@ def of_neighbours(
         likenesses: of each landmark that is asked about.
         least_log_odds: how much better.
     """
-    names = list(likenesses)
-    if len(names) < 2:
-        return {}
-    tree = KDTree(np.array([estimate.map_t_landmarks[name] for name in names]))
-    close = tree.query_pairs(_NEIGHBOURS_WITHIN_M, output_type="ndarray")
+    close = list(_neighbours(estimate, likenesses))
     found: dict[int, tuple[float, int]] = {}
-    for one, other in np.concatenate([close, close[:, ::-1]]).tolist():
-        theirs, instead = names[one], names[other]
-        if likenesses[theirs].group != likenesses[instead].group:
-            continue
+    for theirs, instead in [*close, *(pair[::-1] for pair in close)]:
         rows = log.rows(theirs)
+        # Of two, one would be half.
+        if len(rows) <= 2:
+            continue
         now, then = (_misfits_of(log, estimate, rows, each) for each in (theirs, instead))
         is_free = ~np.isin(log.poses[rows], log.poses[log.rows(instead)])
         gain = now - then + _of_diameters(log, rows, likenesses[theirs], likenesses[instead])
@@ -81,17 +77,12 @@ def taken_for_each_other(
         likenesses: of each landmark that is asked about.
         least_log_odds: how much better both together.
     """
-    names = list(likenesses)
-    if len(names) < 2:
-        return []
-    tree = KDTree(np.array([estimate.map_t_landmarks[name] for name in names]))
     found: list[tuple[int, int]] = []
-    for numbers in tree.query_pairs(_NEIGHBOURS_WITHIN_M, output_type="ndarray").tolist():
-        pair = [names[number] for number in numbers]
-        if likenesses[pair[0]].group != likenesses[pair[1]].group:
-            continue
+    for pair in _neighbours(estimate, likenesses):
         rows = [log.rows(name) for name in pair]
-        _, *at = np.intersect1d(log.poses[rows[0]], log.poses[rows[1]], return_indices=True)
+        common, *at = np.intersect1d(log.poses[rows[0]], log.poses[rows[1]], return_indices=True)
+        if not len(common):
+            continue
         both = [each[places] for each, places in zip(rows, at, strict=True)]
         now, then = (
             [_misfits_of(log, estimate, each, name) for each, name in zip(both, order, strict=True)]
@@ -103,6 +94,19 @@ def taken_for_each_other(
         is_better = (gain > 2.0 * least_log_odds) & (np.maximum(*then) <= CHI2_2DOF_999)
         found += zip(both[0][is_better].tolist(), both[1][is_better].tolist(), strict=True)
     return found
+
+
+def _neighbours(
+    estimate: GraphEstimate, likenesses: Mapping[int, Likeness]
+) -> Iterator[tuple[int, int]]:
+    """Pairs of landmarks of one group that stand beside each other."""
+    names = list(likenesses)
+    if len(names) < 2:
+        return
+    tree = KDTree(np.array([estimate.map_t_landmarks[name] for name in names]))
+    for one, other in tree.query_pairs(_NEIGHBOURS_WITHIN_M, output_type="ndarray").tolist():
+        if likenesses[names[one]].group == likenesses[names[other]].group:
+            yield names[one], names[other]
 
 
 def _of_diameters(log: GraphLog, rows: IntArray, now: Likeness, then: Likeness) -> FloatArray:
