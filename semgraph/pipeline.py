@@ -24,6 +24,7 @@ from semgraph.results import RunResult
 from semgraph.settings import Settings
 from semgraph.trace import Trace
 from semgraph.tracking import tracker_of
+from semgraph.tries import tries_of
 from sensors.measurements import Recording
 
 
@@ -58,6 +59,7 @@ def run(
     tracker = tracker_of(recording, settings.tracker)
     graph = graph or GraphInProcess(settings.smoother, recording.map_T_start)
     recorder = LogRecorder(settings.smoother.start(recording.map_T_start))
+    tries = tries_of(recording, settings)
     tell_first_motion(recording, perceiver, settings.fast)
     imu, ordered = YawRateLog(), InOrder(recording.measurements)
     for moment in moments(replace(recording, measurements=ordered), perceiver, imu, pace):
@@ -67,12 +69,16 @@ def run(
         tracked = tracker.step(seen, moment.odometry)
         graph.add(tracked, seen, moment.views)
         recorder.add(tracked, seen, moment.views)
+        tries.add(seen, moment.odometry, moment.views)
         if trace is not None:
             trace.add(moment.measurements, seen, odom_T_base, step, fast.navigation_map)
         report.done(len(fast))
     if not len(fast):
         raise InputError(f"{recording.name}: expected scans or perceptions, there are none")
-    smoothed = graph.finish(report.note)
+    smoothed, log = graph.finish(report.note), None
+    if len(smoothed.trajectory):
+        log = recorder.log(smoothed.trajectory, smoothed.associations)
+        smoothed, log = tries.best(smoothed, log, report.note)
     return RunResult(
         name=recording.name,
         smoothed=smoothed.trajectory,
@@ -96,9 +102,7 @@ def run(
         associations=smoothed.associations,
         decisions=smoothed.decisions,
         online=smoothed.online,
-        log=recorder.log(smoothed.trajectory, smoothed.associations)
-        if len(smoothed.trajectory)
-        else None,
+        log=log,
     )
 
 

@@ -19,12 +19,14 @@ class TrackerSettings(FastSettings):
 
     `hypotheses` of all associations are followed at once where scans show few things that are
     alike, at a cost a scan that grows with them; 1 is the fast estimator itself, None as many as
-    the recording asks for. `seed` is of their random numbers.
+    the recording asks for. `seed` is of their random numbers. They are followed `tries` times, each
+    with random numbers of its own, and the most probable outcome is kept.
     """
 
     memory_m: float = Field(20.0, gt=0.0)
     hypotheses: int | None = Field(None, ge=1, le=100_000)
     seed: int = Field(0, ge=0)
+    tries: int = Field(4, ge=1, le=100)
 
 
 class Settings(BaseModel):

@@ -21,13 +21,18 @@ class Tracker(Protocol):
         ...
 
 
+def num_hypotheses(recording: Recording, settings: TrackerSettings) -> int:
+    """As many as the settings say; unless they do, as the recording asks for."""
+    return settings.hypotheses or recording.num_hypotheses
+
+
 def tracker_of(recording: Recording, settings: TrackerSettings) -> Tracker:
-    """With as many hypotheses as the settings say; unless they do, as the recording asks for.
+    """With as many hypotheses as `num_hypotheses` says.
 
     Raises:
         InputError: many hypotheses, and no odometry to move them.
     """
-    hypotheses = settings.hypotheses or recording.num_hypotheses
+    hypotheses = num_hypotheses(recording, settings)
     if hypotheses == 1:
         return FastEstimator(settings, recording.map_T_start)
     if recording.odometry_noise is None:

@@ -85,6 +85,11 @@ class BatchGraph:
         """Half the sum of weighed squared residuals, where it is now."""
         return float(self._graph.error(self._values))
 
+    @property
+    def cost_of_motions(self) -> float:
+        """The part of the cost that is not of sightings and priors of landmarks."""
+        return sum(float(self._graph.at(k).error(self._values)) for k in range(self._first))
+
     def estimate(self) -> Belief:
         """Where everything is now, but for the scans that are no poses of the graph."""
         poses = np.array(self._belief.map_T_bases)

@@ -111,11 +111,11 @@ def _candidates(
     columns = np.asarray(near, dtype=np.int64).ravel()
     rows = np.repeat(np.arange(len(batch.seen)), count)
     distances2 = batch.distances2(rows, belief.map_T_bases, places[columns])
-    possible = _may_be(batch, belief, ids, rows, columns)
+    possible = may_be(batch, belief, ids, rows, columns)
     return rows, columns, np.where(possible, distances2, np.inf)
 
 
-def _may_be(
+def may_be(
     batch: Batch, belief: Belief, ids: IntArray, rows: IntArray, columns: IntArray
 ) -> BoolArray:
     """(k,) whether perceptions `rows` and landmarks `ids[columns]` are alike."""
