@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from semgraph.beside.graph_beside import GraphInProcess
+from semgraph.errors import GraphError
 from semgraph.estimates import Trajectory
 from semgraph.files.run_log import LogRecorder, RunLog
 from semgraph.geometry import UncertainPose2
@@ -74,31 +75,35 @@ class _Several:
     def best(
         self, smoothed: Smoothed, log: RunLog, note: Callable[[str], None]
     ) -> tuple[Smoothed, RunLog]:
-        """Each outcome with its perceptions taken for landmarks anew; the most probable one.
-
-        Raises:
-            GraphError: a graph cannot be solved.
-        """
-        kept, least = (smoothed, log, resighted(log, self._settings.smoother, note)), 1
-        for number in range(1, self._settings.tracker.tries):
-            note(f"try {number + 1} of {self._settings.tracker.tries}")
-            again = self._again(number)
-            if again is None:
-                continue
-            found = resighted(again[1], self._settings.smoother, note)
-            if found.misfit < kept[2].misfit:
-                kept, least = (*again, found), number + 1
-        told = f"try {least} of {self._settings.tracker.tries} is the most probable"
-        best, its_log, found = kept
-        outcome = _as_smoothed(best, found, self._settings)
-        events = (*outcome.events, told) if self._settings.tracker.tries > 1 else outcome.events
+        """Each outcome with its perceptions taken for landmarks anew; the most probable one."""
+        found: list[tuple[int, Smoothed, RunLog, Resighted]] = []
+        told, count = list[str](), self._settings.tracker.tries
+        for number in range(count):
+            if number:
+                note(f"try {number + 1} of {count}")
+            try:
+                outcome = self._again(number) if number else (smoothed, log)
+                resight = resighted(outcome[1], self._settings.smoother, note)
+                found.append((number, *outcome, resight))
+            except GraphError as error:
+                told.append(f"try {number + 1} of {count} came to nothing: {error}")
+        if not found:
+            return replace(smoothed, events=(*smoothed.events, *told)), log
+        number, its_smoothed, its_log, resight = min(found, key=lambda each: each[-1].misfit)
+        if count > 1:
+            told.append(f"try {number + 1} of {count} is the most probable")
+        best = _as_smoothed(its_smoothed, resight, self._settings)
         return (
-            replace(outcome, events=events, online=smoothed.online),
-            replace(its_log, trajectory=outcome.trajectory, landmarks=found.belief.landmarks),
+            replace(best, events=(*best.events, *told), online=smoothed.online),
+            replace(its_log, trajectory=best.trajectory, landmarks=resight.belief.landmarks),
         )
 
-    def _again(self, number: int) -> tuple[Smoothed, RunLog] | None:
-        """The same with other random numbers; None where nothing came of it."""
+    def _again(self, number: int) -> tuple[Smoothed, RunLog]:
+        """The same with other random numbers.
+
+        Raises:
+            GraphError: nothing came of it.
+        """
         seed = self._settings.tracker.seed + number
         tracker = tracker_of(
             self._recording, self._settings.tracker.model_copy(update={"seed": seed})
@@ -112,7 +117,7 @@ class _Several:
             recorder.add(step, seen, views)
         smoothed = graph.finish(lambda _: None)
         if not len(smoothed.trajectory):
-            return None
+            raise GraphError("the graph was given up")
         return smoothed, recorder.log(smoothed.trajectory, smoothed.associations)
 
 

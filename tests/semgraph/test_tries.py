@@ -1,10 +1,12 @@
 """Many hypotheses followed several times."""
 
 import numpy as np
+import pytest
 
 from semgraph.beside.graph_beside import GraphInProcess
+from semgraph.errors import GraphError
 from semgraph.files.run_log import LogRecorder, RunLog
-from semgraph.offline.resighting import resighted
+from semgraph.offline.resighting import Resighted, resighted
 from semgraph.settings import Settings, TrackerSettings
 from semgraph.smoothed import Smoothed
 from semgraph.tracking import tracker_of
@@ -54,6 +56,22 @@ def test_path_map_and_associations_belong_together() -> None:
     assert best.covariances.shape == (len(best.trajectory), 3, 3)
     assert {each.id for each in best.landmarks} <= set(its_log.landmarks.tolist())
     assert all("most probable" not in event for event in best.events)
+
+
+def test_a_try_that_comes_to_nothing_is_said_and_loses_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tries, smoothed, log = ran(with_tries(2))
+    monkeypatch.setattr("semgraph.tries.resighted", unsolvable)
+    best, its_log = tries.best(smoothed, log, lambda _: None)
+    said = [f"try {number} of 2 came to nothing: singular" for number in (1, 2)]
+    assert best.events == (*smoothed.events, *said)
+    assert best.trajectory is smoothed.trajectory
+    assert its_log is log
+
+
+def unsolvable(*_: object) -> Resighted:
+    raise GraphError("singular")
 
 
 def test_with_one_hypothesis_all_stays_as_it_is() -> None:
