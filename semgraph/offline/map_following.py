@@ -14,11 +14,11 @@ from typing import Final
 
 import numpy as np
 
-from semgraph.arrays import BoolArray, FloatArray, IntArray
+from semgraph.arrays import FloatArray, IntArray
 from semgraph.geometry import composed_poses, points_from, wrap_angle
 from semgraph.measurement_model import CHI2_2DOF_999
 from semgraph.offline.batch import Batch, Belief
-from semgraph.offline.reassociation import may_be
+from semgraph.offline.reassociation import Appearances
 from semgraph.offline.sight_habits import NEVER, SightHabits
 
 _NONE: Final = -1
@@ -61,11 +61,11 @@ class _Hypotheses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Map:
-    """The landmarks (c, 2), their habits, and (m, c) which of them a perception may be of."""
+    """The landmarks (c, 2), their habits, and what they look like."""
 
     places: FloatArray
     habits: SightHabits
-    possible: BoolArray
+    appearances: Appearances
 
 
 def followed(batch: Batch, belief: Belief) -> IntArray:
@@ -81,9 +81,7 @@ def followed(batch: Batch, belief: Belief) -> IntArray:
         return np.full(len(batch.seen), _NONE)
     ids, columns = columns_of(belief)
     habits = SightHabits.of(batch, columns, len(ids))
-    each = np.indices((len(batch.seen), len(ids))).reshape(2, -1)
-    possible = may_be(batch, belief, ids, *each).reshape(len(batch.seen), len(ids))
-    known = _Map(belief.places(ids), habits, possible)
+    known = _Map(belief.places(ids), habits, Appearances.of(batch, belief, ids))
     found = _best(batch, known)
     return np.where(found >= 0, ids[found], _NONE)
 
@@ -168,7 +166,8 @@ def _sight(
     S_inverse, determinants = _inverted(S)
     weighed = (S_inverse @ errors[..., None])[..., 0]
     distances2 = (errors * weighed).sum(axis=-1)
-    can = (distances2 <= CHI2_2DOF_999) & known.possible[row]
+    alike = known.appearances.may_be(batch, np.full(c, row), np.arange(c))
+    can = (distances2 <= CHI2_2DOF_999) & alike
     if now.taken.shape[1]:
         can &= ~(now.taken[:, :, None] == np.arange(c)).any(axis=1)
     costs = distances2 + np.log(determinants) + _LOG_2PI + surprises

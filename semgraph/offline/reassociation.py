@@ -1,9 +1,11 @@
 """Decides anew which landmark each perception is of, given where everything is."""
 
 from collections.abc import Mapping
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.measurement_model import CHI2_2DOF_999, diameters_contradict
@@ -16,6 +18,50 @@ _NEAREST: Final = 4
 # Perceptions of one thing lie within this, and nothing else of its kind does.
 _TOGETHER_M: Final = 0.5
 _LEAST_SIGHTINGS: Final = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Appearances:
+    """What landmarks look like, each by the perceptions that are taken for it.
+
+    Attributes:
+        kinds, identities: (c,) of each; -1 and empty where nothing is.
+        diameters_m, sigmas_m: (c,) mean and sigma; NaN where none was perceived.
+    """
+
+    kinds: IntArray
+    identities: NDArray[np.str_]
+    diameters_m: FloatArray
+    sigmas_m: FloatArray
+
+    @classmethod
+    def of(cls, batch: Batch, belief: Belief, ids: IntArray) -> Self:
+        """Of the landmarks `ids` (c,), sorted."""
+        seen = batch.seen
+        kinds = np.full(len(ids), -1, dtype=np.int64)
+        identities = np.full(len(ids), "", dtype=seen.identities.dtype)
+        known, first = np.unique(belief.landmarks, return_index=True)
+        first = first[known >= 0]
+        at = np.searchsorted(ids, known[known >= 0])
+        kinds[at], identities[at] = seen.kinds[first], seen.identities[first]
+        means_m, sigmas_m = np.full(len(ids), np.nan), np.full(len(ids), np.nan)
+        those, mean_m, sigma_m = diameters(batch, belief.landmarks)
+        at = np.searchsorted(ids, those)
+        means_m[at], sigmas_m[at] = mean_m, sigma_m
+        return cls(kinds, identities, means_m, sigmas_m)
+
+    def may_be(self, batch: Batch, rows: IntArray, columns: IntArray) -> BoolArray:
+        """(k,) whether perceptions `rows` and landmarks `columns` are alike."""
+        seen = batch.seen
+        alike: BoolArray = (self.kinds[columns] == seen.kinds[rows]) & (
+            self.identities[columns] == seen.identities[rows]
+        )
+        return alike & ~diameters_contradict(
+            seen.diameters_m[rows],
+            seen.diameter_sigmas_m[rows],
+            self.diameters_m[columns],
+            self.sigmas_m[columns],
+        )
 
 
 def reassociate(batch: Batch, belief: Belief) -> IntArray:
@@ -111,31 +157,8 @@ def _candidates(
     columns = np.asarray(near, dtype=np.int64).ravel()
     rows = np.repeat(np.arange(len(batch.seen)), count)
     distances2 = batch.distances2(rows, belief.map_T_bases, places[columns])
-    possible = may_be(batch, belief, ids, rows, columns)
+    possible = Appearances.of(batch, belief, ids).may_be(batch, rows, columns)
     return rows, columns, np.where(possible, distances2, np.inf)
-
-
-def may_be(
-    batch: Batch, belief: Belief, ids: IntArray, rows: IntArray, columns: IntArray
-) -> BoolArray:
-    """(k,) whether perceptions `rows` and landmarks `ids[columns]` are alike."""
-    seen = batch.seen
-    kinds = np.full(len(ids), -1, dtype=np.int64)
-    identities = np.full(len(ids), "", dtype=seen.identities.dtype)
-    known, first = np.unique(belief.landmarks, return_index=True)
-    first = first[known >= 0]
-    at = np.searchsorted(ids, known[known >= 0])
-    kinds[at], identities[at] = seen.kinds[first], seen.identities[first]
-    means_m, sigmas_m = np.full(len(ids), np.nan), np.full(len(ids), np.nan)
-    those, mean_m, sigma_m = diameters(batch, belief.landmarks)
-    at = np.searchsorted(ids, those)
-    means_m[at], sigmas_m[at] = mean_m, sigma_m
-    alike: BoolArray = (kinds[columns] == seen.kinds[rows]) & (
-        identities[columns] == seen.identities[rows]
-    )
-    return alike & ~diameters_contradict(
-        seen.diameters_m[rows], seen.diameter_sigmas_m[rows], means_m[columns], sigmas_m[columns]
-    )
 
 
 def _of_one(batch: Batch, rows: IntArray, centre: int) -> IntArray:
