@@ -1,8 +1,10 @@
 """Many hypotheses followed several times: the most probable outcome is kept."""
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from functools import partial
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -19,6 +21,9 @@ from semgraph.smoothed import Smoothed
 from semgraph.tracking import num_hypotheses, tracker_of
 from sensors.measurements import Recording
 from sensors.views import View
+
+# How often a try says how far it is.
+_SCANS_A_NOTE: Final = 50
 
 
 class Tries(Protocol):
@@ -78,11 +83,11 @@ class _Several:
         """Each outcome with its perceptions taken for landmarks anew; the most probable one."""
         found: list[tuple[int, Smoothed, RunLog, Resighted]] = []
         told, count = list[str](), self._settings.tracker.tries
+        started = time.monotonic()
         for number in range(count):
-            if number:
-                note(f"try {number + 1} of {count}")
+            done = partial(_tell, note, started, number, count)
             try:
-                outcome = self._again(number) if number else (smoothed, log)
+                outcome = self._again(number, done) if number else (smoothed, log)
                 resight = resighted(outcome[1], self._settings.smoother, note)
                 found.append((number, *outcome, resight))
             except GraphError as error:
@@ -98,8 +103,12 @@ class _Several:
             replace(its_log, trajectory=best.trajectory, landmarks=resight.belief.landmarks),
         )
 
-    def _again(self, number: int) -> tuple[Smoothed, RunLog]:
+    def _again(self, number: int, done: Callable[[float], None]) -> tuple[Smoothed, RunLog]:
         """The same with other random numbers.
+
+        Args:
+            number: of the try, from 1 on.
+            done: told what share of it is.
 
         Raises:
             GraphError: nothing came of it.
@@ -111,7 +120,9 @@ class _Several:
         start = self._recording.map_T_start
         graph = GraphInProcess(self._settings.smoother, start)
         recorder = LogRecorder(self._settings.smoother.start(start))
-        for seen, odometry, views in self._shown:
+        for scan, (seen, odometry, views) in enumerate(self._shown):
+            if scan % _SCANS_A_NOTE == 0:
+                done(scan / len(self._shown))
             step = tracker.step(seen, odometry)
             graph.add(step, seen, views)
             recorder.add(step, seen, views)
@@ -119,6 +130,15 @@ class _Several:
         if not len(smoothed.trajectory):
             raise GraphError("the graph was given up")
         return smoothed, recorder.log(smoothed.trajectory, smoothed.associations)
+
+
+def _tell(
+    note: Callable[[str], None], started_s: float, number: int, count: int, share: float
+) -> None:
+    """How far a try is, and how long all of them take yet at that pace."""
+    done = (number + share) / count
+    left_s = (time.monotonic() - started_s) * (1.0 - done) / done
+    note(f"try {number + 1} of {count}, {share:.0%}, {left_s:.0f} s left")
 
 
 def _as_smoothed(smoothed: Smoothed, found: Resighted, settings: Settings) -> Smoothed:
