@@ -24,7 +24,7 @@ from semgraph.results import RunResult
 from semgraph.settings import Settings
 from semgraph.trace import Trace
 from semgraph.tracking import tracker_of
-from semgraph.tries import tries_of
+from semgraph.tries import Tries
 from sensors.measurements import Recording
 
 
@@ -59,7 +59,7 @@ def run(
     tracker = tracker_of(recording, settings.tracker)
     graph = graph or GraphInProcess(settings.smoother, recording.map_T_start)
     recorder = LogRecorder(settings.smoother.start(recording.map_T_start))
-    tries = tries_of(recording, settings)
+    tries = Tries(recording, settings)
     tell_first_motion(recording, perceiver, settings.fast)
     imu, ordered = YawRateLog(), InOrder(recording.measurements)
     for moment in moments(replace(recording, measurements=ordered), perceiver, imu, pace):

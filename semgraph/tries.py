@@ -2,9 +2,9 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
-from typing import Final, Protocol
+from typing import Final, final
 
 import numpy as np
 
@@ -26,63 +26,38 @@ from sensors.views import View
 _SCANS_A_NOTE: Final = 50
 
 
-class Tries(Protocol):
-    """It keeps what trackers are shown, and makes the most of it in the end."""
+@final
+class Tries:
+    """It keeps what trackers of many hypotheses are shown, and makes the most of it in the end.
+
+    With one hypothesis there is nothing to try again: it keeps and changes nothing.
+    """
+
+    def __init__(self, recording: Recording, settings: Settings) -> None:
+        self._recording, self._settings = recording, settings
+        self._count = settings.tracker.tries
+        if num_hypotheses(recording, settings.tracker) == 1:
+            self._count = 0
+        self._shown: list[tuple[Perceptions, UncertainPose2 | None, tuple[View, ...]]] = []
 
     def add(
         self, seen: Perceptions, odometry: UncertainPose2 | None, views: Sequence[View]
     ) -> None:
         """What the tracker was shown, and the graph with it."""
-        ...
+        if self._count:
+            self._shown.append((seen, odometry, tuple(views)))
 
     def best(
         self, smoothed: Smoothed, log: RunLog, note: Callable[[str], None]
     ) -> tuple[Smoothed, RunLog]:
-        """The best outcome, of which the one of the run itself is the first."""
-        ...
+        """Each outcome with its perceptions taken for landmarks anew; the most probable one.
 
-
-def tries_of(recording: Recording, settings: Settings) -> Tries:
-    """Several with many hypotheses; with one there is nothing to try again."""
-    if num_hypotheses(recording, settings.tracker) == 1:
-        return _Once()
-    return _Several(recording, settings)
-
-
-class _Once:
-    def add(
-        self, seen: Perceptions, odometry: UncertainPose2 | None, views: Sequence[View]
-    ) -> None:
-        """Nothing is kept."""
-
-    def best(
-        self, smoothed: Smoothed, log: RunLog, note: Callable[[str], None]
-    ) -> tuple[Smoothed, RunLog]:
-        """As it is."""
-        del note
-        return smoothed, log
-
-
-@dataclass(frozen=True, slots=True)
-class _Several:
-    _recording: Recording
-    _settings: Settings
-    _shown: list[tuple[Perceptions, UncertainPose2 | None, tuple[View, ...]]] = field(
-        default_factory=list
-    )
-
-    def add(
-        self, seen: Perceptions, odometry: UncertainPose2 | None, views: Sequence[View]
-    ) -> None:
-        """Keeps it."""
-        self._shown.append((seen, odometry, tuple(views)))
-
-    def best(
-        self, smoothed: Smoothed, log: RunLog, note: Callable[[str], None]
-    ) -> tuple[Smoothed, RunLog]:
-        """Each outcome with its perceptions taken for landmarks anew; the most probable one."""
+        That of the run itself is the first; what came to nothing is said among its events.
+        """
+        if not self._count:
+            return smoothed, log
         found: list[tuple[int, Smoothed, RunLog, Resighted]] = []
-        told, count = list[str](), self._settings.tracker.tries
+        told, count = list[str](), self._count
         started = time.monotonic()
         for number in range(count):
             done = partial(_tell, note, started, number, count)

@@ -10,7 +10,7 @@ from semgraph.offline.resighting import Resighted, resighted
 from semgraph.settings import Settings, TrackerSettings
 from semgraph.smoothed import Smoothed
 from semgraph.tracking import tracker_of
-from semgraph.tries import Tries, tries_of
+from semgraph.tries import Tries
 from sensors.measurements import OdometryNoise, Recording
 from tests.semgraph.test_hypotheses import START, drive
 
@@ -18,7 +18,7 @@ MARKS = Recording("marks", (), 0, OdometryNoise(), map_T_start=START, num_hypoth
 
 
 def ran(settings: Settings) -> tuple[Tries, Smoothed, RunLog]:
-    tries, tracker = tries_of(MARKS, settings), tracker_of(MARKS, settings.tracker)
+    tries, tracker = Tries(MARKS, settings), tracker_of(MARKS, settings.tracker)
     graph = GraphInProcess(settings.smoother, START)
     recorder = LogRecorder(settings.smoother.start(START))
     for seen, odometry in drive()[0]:
