@@ -31,8 +31,8 @@ _EFFECTIVE: Final = 0.5
 _UNMAPPED: Final = 0.1 / (np.pi * 20.0**2)
 # How probably wheels slip between two scans, by how much more they err then, and the share of the
 # particles that slip to be ready for it.
-_SLIPS: Final = 1e-3
-_SLIP_FACTOR: Final = 10.0
+SLIPS: Final = 1e-3
+SLIP_FACTOR: Final = 10.0
 _SLIPPING: Final = 0.05
 _NONE: Final = -1
 
@@ -88,8 +88,8 @@ class HypothesesTracker:
         noise = self._rng.multivariate_normal(np.zeros(3), motion.covariance, n, method="eigh")
         # More of them slip than do in truth, for less weight: importance sampling.
         slips = self._rng.random(n) < _SLIPPING
-        noise[slips] *= _SLIP_FACTOR
-        less, more = np.log(_SLIPS / _SLIPPING), np.log((1.0 - _SLIPS) / (1.0 - _SLIPPING))
+        noise[slips] *= SLIP_FACTOR
+        less, more = np.log(SLIPS / _SLIPPING), np.log((1.0 - SLIPS) / (1.0 - _SLIPPING))
         self._log_weights += np.where(slips, less, more)
         moved = composed_poses(np.broadcast_to(motion.pose.as_array(), noise.shape), noise)
         self._poses = composed_poses(self._poses, moved)

@@ -2,11 +2,15 @@
 
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
-from typing import final
+from typing import Final, final
 
 import numpy as np
 
 from semgraph.arrays import FloatArray
+from semgraph.measurement_model import CHI2_2DOF_999
+
+# How many standard deviations what is seen may be from its other self, both so unsure, at 99.9 %.
+_GATE: Final = float((2.0 * CHI2_2DOF_999) ** 0.5)
 
 
 @final
@@ -25,14 +29,20 @@ class Drift:
     apart_m: float
     beside: Set[int] | None = None
 
-    def sigmas_m(self, landmarks: Sequence[int]) -> FloatArray:
-        """(n,) of each of these."""
+    def reaches_m(self, landmarks: Sequence[int]) -> FloatArray:
+        """(n,) how far each of these may be from what is seen of it, at 99.9 %."""
         if self.beside is None:
-            return np.full(len(landmarks), self.beside_m)
+            return np.full(len(landmarks), _GATE * self.beside_m)
         is_beside = [landmark in self.beside for landmark in landmarks]
-        return np.where(is_beside, self.beside_m, self.apart_m)
+        reaches_m: FloatArray = _GATE * np.where(is_beside, self.beside_m, self.apart_m)
+        return reaches_m
 
     @property
-    def most_m(self) -> float:
+    def reach_m(self) -> float:
         """Of anything."""
-        return self.beside_m if self.beside is None else max(self.beside_m, self.apart_m)
+        return _GATE * (self.beside_m if self.beside is None else max(self.beside_m, self.apart_m))
+
+
+def sigma_m(covariance: FloatArray) -> float:
+    """Of a pose's (3, 3) position, along its longest axis."""
+    return float(np.sqrt(max(np.linalg.eigvalsh(covariance[:2, :2])[-1], 0.0)))

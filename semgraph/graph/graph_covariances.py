@@ -11,7 +11,7 @@ from semgraph.geometry import rotation
 from semgraph.graph.common_errors import CommonErrors, Ranges
 from semgraph.graph.condensation import linearized
 from semgraph.graph.covariances import Covariances
-from semgraph.graph.drift import Drift
+from semgraph.graph.drift import Drift, sigma_m
 from semgraph.graph.factors import landmark_key, pose_key
 from semgraph.graph.graph_log import NOWHERE
 from semgraph.graph.graph_solver import GraphSolver
@@ -125,7 +125,7 @@ class GraphCovariances:
     def _last_drift(self) -> Drift:
         solver = self._solver
         covariance = self.of_pose(solver.last)
-        apart_m = _sigma_m(covariance)
+        apart_m = sigma_m(covariance)
         if solver.resting.awake is None:
             poses, beside = {0}, None
         else:
@@ -135,7 +135,7 @@ class GraphCovariances:
             return Drift(apart_m, apart_m, beside)
         last_Ad_anchor = solver.pose(solver.last).between(solver.pose(anchors[0].anchor)).adjoint()
         in_common = last_Ad_anchor @ anchors[0].map_T_anchor.covariance @ last_Ad_anchor.T
-        return Drift(_sigma_m(covariance - in_common), apart_m, beside)
+        return Drift(sigma_m(covariance - in_common), apart_m, beside)
 
     def of_poses(self, indices: Sequence[int]) -> FloatArray:
         """(n, 3, 3) marginal covariance of each pose, in its own frame; with errors in common."""
@@ -273,8 +273,3 @@ class GraphCovariances:
     def _places(self, landmarks: Sequence[int]) -> FloatArray:
         """(n, 2) m in map."""
         return np.array([self._solver.landmark(k) for k in landmarks]).reshape(-1, 2)
-
-
-def _sigma_m(covariance: FloatArray) -> float:
-    """Of a place, along its longest axis."""
-    return float(np.sqrt(max(np.linalg.eigvalsh(covariance[:2, :2])[-1], 0.0)))

@@ -46,7 +46,7 @@ class Sighted:
 class GraphLog:
     """Motions and sightings in the order they were added; about 50 bytes a sighting.
 
-    What was perceived is kept in 32 bit: rounding is a ten-millionth of it.
+    What was perceived is kept in 32 bit: rounding is a ten-millionth of it. Shares are in 16.
 
     Attributes:
         start: where pose 0 is.

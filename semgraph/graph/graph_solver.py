@@ -31,6 +31,7 @@ from semgraph.graph.last_read import LastRead
 from semgraph.graph.resting import Resting
 from semgraph.graph.window_ends import WindowEnds
 from semgraph.graph.windows import NONE, Window, Windows
+from semgraph.landmarks import cartesian
 
 # By so much the last pose may jump before all that was read of the graph is stale.
 JUMP_M: Final = 0.5
@@ -183,9 +184,7 @@ class GraphSolver:
 
     def _places(self, rows: IntArray, map_T_bases: FloatArray) -> FloatArray:
         """(k, 2) of sightings, from poses (k, 3)."""
-        ranges_m, bearings = self.log.polar(rows).T
-        base_t_things = ranges_m[:, None] * np.column_stack([np.cos(bearings), np.sin(bearings)])
-        return transform_points(map_T_bases, base_t_things)
+        return transform_points(map_T_bases, cartesian(*self.log.polar(rows).T))
 
     def hand_over(self, rows: IntArray, landmark: int) -> None:
         """With the next update these are sightings of another landmark."""

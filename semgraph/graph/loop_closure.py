@@ -12,7 +12,7 @@ from semgraph.graph.drift import Drift
 from semgraph.graph.existence import Evidence, Existence
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.landmarks import Kind, Perceptions, SemanticObject, semantic_object
-from semgraph.measurement_model import CHI2_2DOF_999, diameters_contradict
+from semgraph.measurement_model import diameters_contradict
 from semgraph.scan_set import ScanSet
 
 _MAX_OLD: Final = 20
@@ -148,9 +148,9 @@ def find_closures(
         return []
     due = set(recent) if due is None else due
     drift = graph.drift()
-    estimate = _surroundings(graph, recent, float(_reaches(drift.most_m)))
+    estimate = _surroundings(graph, recent, float(_limited(drift.reach_m)))
     old = _candidates(recent, [k for k in estimate if k not in graph.glimpsed], estimate, drift)
-    near = _distances(recent, old, estimate) <= _reaches(drift.sigmas_m(old))
+    near = _distances(recent, old, estimate) <= _limited(drift.reaches_m(old))
     allowed = np.zeros_like(near)
     for row, column in np.argwhere(near):
         allowed[row, column] = landmarks[recent[row]].may_be(landmarks[old[column]])
@@ -223,7 +223,7 @@ def _candidates(
     if not others:
         return []
     distances = _distances(recent, others, estimate).min(axis=0)
-    reaches = _reaches(drift.sigmas_m(others))
+    reaches = _limited(drift.reaches_m(others))
     order = np.argsort(distances, kind="stable")[:_MAX_OLD]
     return [others[k] for k in order if distances[k] <= reaches[k]]
 
@@ -237,12 +237,10 @@ def _distances(
     return distances
 
 
-def _reaches(sigmas_m: FloatArray | float) -> FloatArray:
-    """How far what is seen may be from its other self, both so unsure, at 99.9 %."""
-    reaches: FloatArray = np.clip(
-        (2.0 * CHI2_2DOF_999) ** 0.5 * np.asarray(sigmas_m), _LEAST_REACH_M, _MAX_REACH_M
-    )
-    return reaches
+def _limited(reaches_m: FloatArray | float) -> FloatArray:
+    """As far as it pays to look, and always a little."""
+    limited: FloatArray = np.clip(np.asarray(reaches_m), _LEAST_REACH_M, _MAX_REACH_M)
+    return limited
 
 
 def _density(estimate: Mapping[int, FloatArray], recent: Sequence[int]) -> float:

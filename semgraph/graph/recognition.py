@@ -9,9 +9,10 @@ import numpy as np
 from semgraph.arrays import FloatArray
 from semgraph.constellations.constellation import Constellation, MapIndex, Placement
 from semgraph.geometry import Pose2
+from semgraph.graph.drift import sigma_m
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.graph.loop_closure import Closure, GraphLandmark
-from semgraph.measurement_model import CHI2_2DOF_999, CHI2_3DOF_999
+from semgraph.measurement_model import CHI2_3DOF_999
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +31,6 @@ _LOOK_ALIKES: Final = 50
 _LEAST_REACH_M: Final = 10.0
 # What landmarks of a map may be off from each other where nobody asks the graph.
 _MAP_SIGMA_M: Final = 0.1
-# How many standard deviations what is seen may be from its other self, at 99.9 %.
-_GATE: Final = (2.0 * CHI2_2DOF_999) ** 0.5
 # Fewer are found anywhere.
 _LEAST_SEEN: Final = 4
 _LEAST_SIGHTINGS: Final = 3
@@ -42,18 +41,13 @@ _WELL_KNOWN_M: Final = 1.0
 def is_lost(graph: FactorGraph) -> bool:
     """Whether the last pose is so unsure, for landmarks so dense, that gates hold too many."""
     drift = graph.drift()
-    if _GATE * drift.most_m < _LEAST_REACH_M:
+    if drift.reach_m < _LEAST_REACH_M:
         return False
     here = graph.pose(graph.num_poses - 1).as_array()[:2]
-    around = graph.near(here, _GATE * drift.most_m)
+    around = graph.near(here, drift.reach_m)
     distances = np.linalg.norm(np.array(list(around.values())).reshape(-1, 2) - here, axis=1)
-    in_reach = distances <= _GATE * drift.sigmas_m(list(around))
+    in_reach = distances <= drift.reaches_m(list(around))
     return int(in_reach.sum()) > _LOOK_ALIKES
-
-
-def _sigma_m(covariance: FloatArray) -> float:
-    """Of the position, along its longest axis."""
-    return float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
 
 
 def recognise(
@@ -74,12 +68,12 @@ def recognise(
         least_log_odds: how sure is sure enough.
     """
     covariance = graph.pose_covariance(graph.num_poses - 1)
-    sigma_m = _sigma_m(covariance)
+    along_m = sigma_m(covariance)
     seen = [each for each in recent if landmarks[each].num_sightings >= _LEAST_SIGHTINGS]
     if len(seen) < _LEAST_SEEN:
         return None
     map_T_base = graph.pose(graph.num_poses - 1)
-    mapped = _older(graph, landmarks, set(recent), map_T_base, sigma_m)
+    mapped = _older(graph, landmarks, set(recent), map_T_base, along_m)
     if len(mapped) < _LEAST_SEEN:
         return None
     seen, positions, covariances = _well_known(graph, seen, map_T_base)
@@ -101,13 +95,13 @@ def _older(
     landmarks: Mapping[int, GraphLandmark],
     recent: set[int],
     map_T_base: Pose2,
-    sigma_m: float,
+    along_m: float,
 ) -> dict[int, FloatArray]:
     """Where the landmarks are that may be in sight: the nearest, if there are too many."""
     centre = map_T_base.as_array()[:2]
     places = {
         landmark: place
-        for landmark, place in graph.near(centre, CHI2_3DOF_999**0.5 * sigma_m + 20.0).items()
+        for landmark, place in graph.near(centre, CHI2_3DOF_999**0.5 * along_m + 20.0).items()
         if landmark not in recent and landmarks[landmark].num_sightings >= _LEAST_SIGHTINGS
     }
     nearest = sorted(places, key=lambda each: float(np.hypot(*(places[each] - centre))))

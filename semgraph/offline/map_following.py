@@ -16,6 +16,7 @@ import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.geometry import composed_poses, points_from, wrap_angle
+from semgraph.hypotheses import SLIP_FACTOR, SLIPS
 from semgraph.measurement_model import CHI2_2DOF_999
 from semgraph.offline.batch import Batch, Belief
 from semgraph.offline.reassociation import Appearances
@@ -27,9 +28,6 @@ _HYPOTHESES: Final = 32
 _LEFT_BEHIND: Final = 40.0
 # Hypotheses are of one place within this squared distance in their own sigmas.
 _ONE_PLACE: Final = 0.1
-# As for the tracker's: how probably wheels slip between scans, and by how much more they then err.
-_SLIPS: Final = 1e-3
-_SLIP_FACTOR: Final = 10.0
 _LOG_2PI: Final = 2.0 * float(np.log(2.0 * np.pi))
 
 
@@ -135,10 +133,10 @@ def _move(now: _Hypotheses, batch: Batch, scan: int) -> None:
     here_Ad_last = motion.pose.inverse().adjoint()
     moved = here_Ad_last @ now.covariances @ here_Ad_last.T
     poses = composed_poses(now.poses, np.tile(motion.pose.as_array(), (k, 1)))
-    slipped = moved + _SLIP_FACTOR**2 * motion.covariance
+    slipped = moved + SLIP_FACTOR**2 * motion.covariance
     now.poses = np.concatenate([poses, poses])
     now.covariances = np.concatenate([moved + motion.covariance, slipped])
-    now.costs = np.concatenate([now.costs, now.costs - 2.0 * np.log(_SLIPS)])
+    now.costs = np.concatenate([now.costs, now.costs - 2.0 * np.log(SLIPS)])
     now.parents = np.tile(np.arange(k), 2)
     now.last = np.concatenate([now.last, now.last])
     now.taken = np.zeros((2 * k, 0), dtype=np.int64)

@@ -148,7 +148,9 @@ def test_what_hangs_together_has_drifted_less_than_it_is_unsure_in_the_map(
     exact = (to_last @ joint @ to_last.T)[:2, :2]
     assert drift.beside_m == pytest.approx(np.linalg.eigvalsh(exact)[-1] ** 0.5, rel=0.1)
     assert drift.beside_m < 0.2 < drift.apart_m
-    assert drift.sigmas_m([new, new - LAP]).tolist() == [drift.beside_m, drift.apart_m]
+    near_m, far_m = drift.reaches_m([new, new - LAP]).tolist()
+    assert near_m / drift.beside_m == pytest.approx(far_m / drift.apart_m)
+    assert far_m == drift.reach_m == pytest.approx(5.257 * drift.apart_m, rel=1e-3)
     assert whole.drift().beside is None
     assert whole.drift().beside_m == pytest.approx(whole.drift().apart_m, rel=0.05)
 
