@@ -5,7 +5,7 @@ random numbers, and of several outcomes the most probable one is the best guess.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -45,7 +45,8 @@ def resighted(log: RunLog, settings: SmootherSettings, note: Callable[[str], Non
     """The optimum over all measurements of a run, each perception of what it most probably is.
 
     First by `refine`; then by turns the most probable associations in the map, and the optimum
-    with them, which is a new map.
+    with them, which is a new map. The most probable of all these optima is kept: where the pose is
+    unsure by metres, following leaves open what is the only thing to hold it.
 
     Raises:
         GraphError: the batch cannot be solved.
@@ -54,6 +55,7 @@ def resighted(log: RunLog, settings: SmootherSettings, note: Callable[[str], Non
     begin = Belief(log.trajectory.map_T_bases, log.landmarks, {})
     belief, rounds = refine(batch, begin, settings, note)
     changes = list(rounds)
+    best = Resighted(batch, belief, misfit(batch, belief), ())
     for _ in range(_PASSES):
         landmarks = without_strays(followed(batch, belief))
         changes.append(int((landmarks != belief.landmarks).sum()))
@@ -61,7 +63,9 @@ def resighted(log: RunLog, settings: SmootherSettings, note: Callable[[str], Non
             break
         belief = BatchGraph(batch, with_places(batch, belief, landmarks)).optimum()
         note(f"followed through the map, {changes[-1]} associations changed")
-    return Resighted(batch, belief, misfit(batch, belief), tuple(changes))
+        passed = Resighted(batch, belief, misfit(batch, belief), ())
+        best = min(best, passed, key=lambda each: each.misfit)
+    return replace(best, changes=tuple(changes))
 
 
 def misfit(batch: Batch, belief: Belief) -> float:

@@ -7,10 +7,14 @@ from semgraph.beside.graph_beside import GraphInProcess
 from semgraph.errors import GraphError
 from semgraph.files.run_log import LogRecorder, RunLog
 from semgraph.offline.resighting import Resighted, resighted
+from semgraph.perceiving import Perceiver
+from semgraph.pipeline import run
+from semgraph.progress import Silence
 from semgraph.settings import Settings, TrackerSettings
 from semgraph.smoothed import Smoothed
 from semgraph.tracking import tracker_of
 from semgraph.tries import Tries
+from sensors.catalog import open_source
 from sensors.measurements import OdometryNoise, Recording
 from tests.semgraph.test_hypotheses import START, drive
 
@@ -75,6 +79,16 @@ def test_a_try_that_comes_to_nothing_is_said_and_loses_nothing(
 
 def unsolvable(*_: object) -> Resighted:
     raise GraphError("singular")
+
+
+@pytest.mark.parametrize(("num_trees", "seed"), [(2, 9), (1, 7)])
+def test_where_the_pose_is_unsure_by_metres_the_map_stays(num_trees: int, seed: int) -> None:
+    """To take all perceptions for nothing costs 330 and 700, as -2 ln, the map 40 and 140."""
+    options = {"lap_s": 20.0, "seed": seed, "num_trees": num_trees, "odometry": True}
+    recording = open_source("course:perceptions", options).recording
+    settings = Settings(tracker=TrackerSettings(hypotheses=30, tries=1))
+    result = run(recording, settings, Perceiver(recording, settings), Silence(), {})
+    assert len(result.landmarks) == num_trees
 
 
 def test_with_one_hypothesis_all_stays_as_it_is() -> None:
