@@ -10,9 +10,8 @@ from semgraph.landmarks import Perceptions
 from semgraph.measurement_model import CHI2_3DOF_999
 from semgraph.navigation_map import NavigationMap
 
-# Most of what is perceived fits, and more probably than not: what follows from it is gated again.
+# It fits more probably than not: what follows from it is gated again.
 _LEAST_LOG_ODDS: Final = 0.0
-_LEAST_SHARE: Final = 0.5
 _LEAST_SEEN: Final = 4
 # Farther than this nobody looks, however unsure the motion is.
 _MAX_REACH_M: Final = 40.0
@@ -64,7 +63,7 @@ def find_pose(
     )
     for placement in MapIndex(mapped).place(seen, max_placements=1):
         apart = map_T_centre.between(placement.map_T_local.pose)
-        fits = len(placement.rows) >= _LEAST_SHARE * len(perceptions)
-        if fits and placement.log_odds >= _LEAST_LOG_ODDS and np.hypot(apart.x, apart.y) <= reach_m:
+        is_near = np.hypot(apart.x, apart.y) <= reach_m
+        if is_near and placement.log_odds >= _LEAST_LOG_ODDS:
             return placement.map_T_local
     return None

@@ -5,12 +5,17 @@ from typing import Final
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.special import betaln
 
 from semgraph.arrays import BoolArray, FloatArray, IntArray
 
-# How many of the landmarks in sight are perceived.
-SEEN: Final = 0.85
-_LOG_MISSED: Final = float(np.log(1.0 - SEEN))
+# Of the landmarks in sight so many are perceived, and of what is perceived so much is mapped, as a
+# rule. How many it is here, the scene itself tells: what hides one tree hides its neighbours, and
+# a detector that finds nine of ten in one wood finds every second in another.
+_USUAL_SHARE: Final = 0.85
+# The rule counts like so many landmarks.
+_RULE_COUNTS: Final = 8.0
+_LOG_MISSED: Final = float(np.log(1.0 - _USUAL_SHARE))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,37 +65,43 @@ def _assigned(rows: IntArray, columns: IntArray, worth: FloatArray) -> IntArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """What there is to pair at h poses, and what it costs not to.
+    """What there is to pair at h poses, and what is expected.
 
     Attributes:
         pairs: all that may be.
         gains: (k,) what they add to the log odds; -inf where they contradict.
-        unpaired: (h, n) what each one seen costs unpaired.
+        is_known: (h, n) whether each one seen stands where there is a map.
         expected: (e,) who is expected in sight: pose times `num_mapped` plus column.
         num_mapped: how many landmarks the map has.
     """
 
     pairs: Pairs
     gains: FloatArray
-    unpaired: FloatArray
+    is_known: BoolArray
     expected: IntArray
     num_mapped: int
 
     def best_pairs(self) -> Pairs:
         """One to one, the most probable together."""
         missed = np.where(self._are_expected(self.pairs), _LOG_MISSED, 0.0)
-        worth = self.gains - self.unpaired[self.pairs.owners, self.pairs.rows] - missed
+        unmapped = np.where(self.is_known[self.pairs.owners, self.pairs.rows], _LOG_MISSED, 0.0)
+        worth = self.gains - unmapped - missed
         useful = worth > 0.0
         return self.pairs.select(useful).one_to_one(worth[useful])
 
     def log_odds(self, pairs: Pairs) -> FloatArray:
-        """(h,) of these, all others unmapped or missed, against nothing of it being mapped."""
-        num_poses = len(self.unpaired)
+        """(h,) of these, all others unmapped or missed, against nothing of it being mapped.
+
+        The shares that are perceived and mapped are not known: all that they may be count.
+        """
+        num_poses = len(self.is_known)
         num_expected = np.bincount(self.expected // self.num_mapped, minlength=num_poses)
-        num_missed = num_expected - pairs.sums(1.0 * self._are_expected(pairs), num_poses)
-        rather = self._gains_of(pairs) - self.unpaired[pairs.owners, pairs.rows]
+        num_seen = pairs.sums(1.0 * self._are_expected(pairs), num_poses)
+        num_mapped = pairs.sums(1.0 * self.is_known[pairs.owners, pairs.rows], num_poses)
         log_odds: FloatArray = (
-            pairs.sums(rather, num_poses) + self.unpaired.sum(axis=1) + num_missed * _LOG_MISSED
+            pairs.sums(self._gains_of(pairs), num_poses)
+            + _log_share(num_seen, num_expected - num_seen)
+            + _log_share(num_mapped, self.is_known.sum(axis=1) - num_mapped)
         )
         return log_odds
 
@@ -104,9 +115,19 @@ class Scene:
 
     def _keys(self, pairs: Pairs) -> IntArray:
         """(k,) a number for each pair."""
-        num_seen = self.unpaired.shape[1]
+        num_seen = self.is_known.shape[1]
         keys: IntArray = (pairs.owners * num_seen + pairs.rows) * self.num_mapped + pairs.columns
         return keys
 
     def _are_expected(self, pairs: Pairs) -> BoolArray:
         return np.isin(pairs.owners * self.num_mapped + pairs.columns, self.expected)
+
+
+def _log_share(num_in: FloatArray, num_out: FloatArray) -> FloatArray:
+    """(h,) ln probability that of landmarks in a row just these are in and those out.
+
+    Source: the beta-binomial distribution.
+    """
+    often, seldom = _RULE_COUNTS * _USUAL_SHARE, _RULE_COUNTS * (1.0 - _USUAL_SHARE)
+    log_share: FloatArray = betaln(often + num_in, seldom + num_out) - betaln(often, seldom)
+    return log_share

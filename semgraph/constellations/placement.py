@@ -13,12 +13,10 @@ from semgraph.constellations.mapped_constellation import (
     MappedConstellation,
     surrounding_density,
 )
-from semgraph.constellations.pairing import SEEN, Pairs, Scene
+from semgraph.constellations.pairing import Pairs, Scene
 from semgraph.geometry import Pose2, UncertainPose2, points_from, transform_points
 from semgraph.measurement_model import CHI2_2DOF_999, diameter_log_likelihoods, mahalanobis2
 
-# How many of the perceived are not mapped.
-_UNMAPPED: Final = 0.15
 # That something elsewhere bears the same identity.
 _NAMESAKE: Final = 1e-3
 # By how much covariances of positions and diameters may be too small.
@@ -116,7 +114,7 @@ class Likelihood:
         return covariances
 
     def _scene(self, poses: FloatArray, slack_m2: float) -> Scene:
-        """What there is to pair at poses (h, 3), and what it costs not to."""
+        """What there is to pair at poses (h, 3), and what is expected."""
         mapped, seen, n = self._mapped, self._seen, len(self._seen)
         owners = np.repeat(np.arange(len(poses)), n)
         places = transform_points(poses[owners], np.tile(seen.positions, (len(poses), 1)))
@@ -126,11 +124,11 @@ class Likelihood:
         lookers, columns = flattened(near)
         pairs = Pairs(lookers // n, lookers % n, columns)
         distances_m, nearest = mapped.tree.query(places)
-        is_mapped = distances_m <= mapped.spacings_m[nearest]
+        is_known = distances_m <= mapped.spacings_m[nearest]
         return Scene(
             pairs,
             self._gains(poses, pairs, slack_m2),
-            np.where(is_mapped, np.log(_UNMAPPED), 0.0).reshape(len(poses), n),
+            is_known.reshape(len(poses), n),
             self._expected(poses),
             len(mapped.landmarks),
         )
@@ -142,7 +140,7 @@ class Likelihood:
         in_centre = points_from(poses[pairs.owners], mapped.positions[columns])
         distances2 = mahalanobis2(in_centre - seen.positions[rows], covariances)
         log_likelihoods = -0.5 * distances2 / _DOUBT - 0.5 * np.log(np.linalg.det(covariances))
-        gains = log_likelihoods - np.log(2.0 * np.pi * _DOUBT * self._densities[rows] / SEEN)
+        gains = log_likelihoods - np.log(2.0 * np.pi * _DOUBT * self._densities[rows])
         gains += self._size_gains(rows, columns)
         named = seen.identities[rows] != ""
         same = seen.identities[rows] == mapped.identities[columns]

@@ -10,7 +10,7 @@ from semgraph.alignment import Alignment
 from semgraph.estimates import NoEstimate, NoEstimateReason
 from semgraph.fast_estimator import FastSettings, Rules
 from semgraph.geometry import Pose2
-from semgraph.landmarks import Kind, Perceptions
+from semgraph.landmarks import Kind, Perceptions, concatenate
 from sensors.simulation.courses.perceptions import CourseOptions, read
 from sensors.truth import Source
 from tests.semgraph.circles import (
@@ -273,6 +273,21 @@ def test_a_scan_that_fits_nowhere_is_where_the_map_begins_anew() -> None:
         np.testing.assert_allclose(moved.as_array(), a.between(b).as_array(), atol=1e-6)
         known = np.isin(after.landmark_ids, before.landmark_ids)
         assert known.mean() > 0.5
+
+
+def test_a_scan_of_which_less_than_half_is_known_is_placed_after_a_long_stop() -> None:
+    """It stood for 40 s and turned; every second tree is hidden, and as many are new."""
+    poses, scans = seconds_apart(20)
+    turned, rng = poses[-1] @ Pose2(1.0, 0.5, 0.7), np.random.default_rng(1)
+    again = seen(0, turned, stand(), 20.0)
+    again = again.select(np.arange(0, len(again), 2))
+    others = seen(0, turned, turned.transform(rng.uniform(-20.0, 20.0, (200, 2))), 20.0)
+    new = others.select(np.arange(len(again) + 1))
+    scans.append(concatenate(scans[-1].stamp_ns + 40_000_000_000, [again, new]))
+    short = FastSettings.model_validate({"memory_m": 20.0})
+    steps, _ = followed(short, scans)
+    error = turned.between(steps[-1].map_T_base.pose).as_array()
+    np.testing.assert_allclose(error, 0.0, atol=0.05)
 
 
 def test_where_too_little_is_seen_to_find_a_place_it_goes_on_as_usual() -> None:

@@ -121,6 +121,33 @@ def test_with_noise_misses_and_clutter_the_error_is_as_the_covariance_says(seed:
     assert len(seen) - 1 not in best.rows
 
 
+def half_found(seed: int) -> tuple[Constellation, Constellation, Pose2]:
+    """A dense wood of which every second tree is mapped, and every second one in sight is seen."""
+    rng = np.random.default_rng(seed)
+    trees = 0.6 * forest(rng, 1200)
+    x, y, theta = rng.uniform([60.0, 60.0, -np.pi], [110.0, 110.0, np.pi]).tolist()
+    map_T_base = Pose2(x, y, theta)
+    mapped = trees[rng.uniform(size=len(trees)) < 0.5]
+    in_sight = trees[near(trees, map_T_base.as_array()[:2], 15.0)]
+    seen = in_base(in_sight[rng.uniform(size=len(in_sight)) < 0.5], map_T_base)
+    return (
+        constellation(mapped + rng.normal(0.0, 0.04, mapped.shape), 0.04),
+        constellation(seen + rng.normal(0.0, 0.04, seen.shape), 0.04),
+        map_T_base,
+    )
+
+
+def test_where_half_is_found_the_place_is_more_likely_than_not_and_no_other_one() -> None:
+    is_found = []
+    for seed in range(12):
+        mapped, seen, map_T_base = half_found(seed)
+        best = MapIndex(mapped).place(seen)[0]
+        is_right = difference(best.map_T_local.pose, map_T_base)[:2].max() < 0.3
+        assert is_right or best.log_odds < 0.0
+        is_found.append(is_right and best.log_odds > 0.0)
+    assert sum(is_found) >= 8
+
+
 @settings(max_examples=5, deadline=None)
 @given(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(-3.1, 3.1), st.integers(0, 99))
 def test_the_placement_moves_with_the_map(x: float, y: float, theta: float, seed: int) -> None:
@@ -202,7 +229,7 @@ def test_of_two_places_that_are_alike_both_are_found_and_neither_is_sure() -> No
         tuple(rows.tolist()),
         tuple((rows + 200).tolist()),
     }
-    assert best.log_odds == pytest.approx(0.0, abs=0.1)
+    assert best.log_odds == pytest.approx(0.0, abs=0.2)
 
 
 def test_a_diameter_tells_apart_what_shape_does_not() -> None:
