@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from semgraph.alignment import Alignment, Solve, align, fuse_with_prior
 from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.estimates import NoEstimate, NoEstimateReason
-from semgraph.finding import find_pose
+from semgraph.finding import find_pose, log_odds_of_matches
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions
 from semgraph.matching import Assignment, LocalMap, Matches, SweepRule, local_map, match
@@ -33,6 +33,8 @@ _TELL_SPEED: Final = 2
 _LEFT_BY_ONE_PLACE: Final = 0.25
 # Of what is remembered, this much is looked at: all, then ever less.
 _FRESHER: Final = np.array([1.0, 0.5, 0.25])
+# Of matches that a guessed pose has found, a hundred to one.
+_SURE_LOG_ODDS: Final = float(np.log(100.0))
 _KNOWN_START: Final = np.diag([1e-6**2, 1e-6**2, 1e-6**2])
 
 
@@ -126,18 +128,12 @@ class FastEstimator:
             perceptions: relative to base.
             odometry: last_T_current as the wheels measured it; None where there are none.
         """
-        motion = self._propose(perceptions.stamp_ns, odometry, self._motion_noise)
-        map_T_proposed = self._map_T_last @ motion
-        if self._is_lost(motion):
-            # Wheels that measured a motion say where it led, however unsurely.
-            map_T_last = self._map_T_last if odometry is None else map_T_proposed
-            placed = self._find_itself(perceptions, map_T_last.pose, map_T_proposed)
-            if placed is None:
-                motion = self._propose(perceptions.stamp_ns, odometry, self._habit.noise())
-            map_T_proposed = placed or self._go_on(motion)
+        motion, map_T_proposed, is_guess = self._expect(perceptions, odometry)
         told = motion if odometry is not None else self._told(perceptions.stamp_ns, motion)
-        near, matches = self._find_correspondences(perceptions, map_T_proposed)
-        estimate = self._estimate(perceptions, near, matches, map_T_proposed.covariance)
+        near, estimate = self._look_around(perceptions, map_T_proposed)
+        if is_guess and self._is_by_chance(perceptions, near, estimate, map_T_proposed):
+            map_T_proposed = self._begin_anew(map_T_proposed.pose)
+            near, estimate = self._look_around(perceptions, map_T_proposed)
         map_T_base = UncertainPose2(
             map_T_proposed.pose @ estimate.proposed_T_base.pose, estimate.proposed_T_base.covariance
         )
@@ -152,6 +148,25 @@ class FastEstimator:
         )
         self._num_known = int((landmark_ids >= 0).sum())
         return FastStep(perceptions.stamp_ns, map_T_base, told, estimate.closed_form, landmark_ids)
+
+    def _expect(
+        self, perceptions: Perceptions, odometry: UncertainPose2 | None
+    ) -> tuple[UncertainPose2, UncertainPose2, bool]:
+        """The movement, where it led, and whether that is a guess, of what is usual.
+
+        Where the motion says too little, by where all perceptions together stand in the map.
+        """
+        motion = self._propose(perceptions.stamp_ns, odometry, self._motion_noise)
+        map_T_proposed = self._map_T_last @ motion
+        if not self._is_lost(motion):
+            return motion, map_T_proposed, False
+        # Wheels that measured a motion say where it led, however unsurely.
+        map_T_last = self._map_T_last if odometry is None else map_T_proposed
+        placed = self._find_itself(perceptions, map_T_last.pose, map_T_proposed)
+        if placed is not None:
+            return motion, placed, False
+        motion = self._propose(perceptions.stamp_ns, odometry, self._habit.noise())
+        return motion, *self._go_on(motion)
 
     def _told(self, stamp_ns: int, motion: UncertainPose2) -> UncertainPose2:
         """The motion, with all that it leaves open of a speed that nobody has seen.
@@ -179,6 +194,13 @@ class FastEstimator:
         return constant_motion(
             self._last_motion, self._last_seconds, seconds, noise, self._unseen_seconds
         )
+
+    def _look_around(
+        self, perceptions: Perceptions, map_T_proposed: UncertainPose2
+    ) -> "tuple[LocalMap, _Estimate]":
+        """Steps 1 and 2: what is perceived, in the map, and the pose by it."""
+        near, matches = self._find_correspondences(perceptions, map_T_proposed)
+        return near, self._estimate(perceptions, near, matches, map_T_proposed.covariance)
 
     def _find_correspondences(
         self, perceptions: Perceptions, map_T_proposed: UncertainPose2
@@ -351,18 +373,44 @@ class FastEstimator:
                 return placed
         return None
 
-    def _go_on(self, motion: UncertainPose2) -> UncertainPose2:
-        """The pose of one that did not find itself: by what is usual, if that says enough.
+    def _go_on(self, motion: UncertainPose2) -> tuple[UncertainPose2, bool]:
+        """The pose of one that did not find itself, by what is usual, and whether to doubt it.
 
-        Else nothing can be matched: a map that only remembers forgets what it had, for what it
-        would match now it would match by chance. It begins anew at the pose as it is believed,
-        which is where it is by definition.
+        Where that says too little, nothing can be matched: what would be, would be by chance.
         """
         map_T_base = self._map_T_last @ motion
-        if not self._is_lost(motion) or not np.isfinite(self._settings.memory_m):
-            return map_T_base
+        if not np.isfinite(self._settings.memory_m):
+            return map_T_base, False
+        if self._is_lost(motion):
+            return self._begin_anew(map_T_base.pose), False
+        return map_T_base, True
+
+    def _begin_anew(self, map_T_base: Pose2) -> UncertainPose2:
+        """A map that only remembers forgets what it had.
+
+        It begins at the pose as it is believed, which is where it is by definition.
+        """
         self._driven_m += self._settings.memory_m
-        return UncertainPose2(map_T_base.pose, _KNOWN_START)
+        return UncertainPose2(map_T_base, _KNOWN_START)
+
+    def _is_by_chance(
+        self,
+        perceptions: Perceptions,
+        near: LocalMap,
+        estimate: "_Estimate",
+        map_T_proposed: UncertainPose2,
+    ) -> bool:
+        """Whether the matches may be so: two that are as far apart as two others are everywhere."""
+        matches = estimate.matches
+        log_odds = log_odds_of_matches(
+            perceptions.base_t_landmarks()[matches.rows],
+            near.proposed_t_landmarks[matches.columns],
+            self._pair_covariances(perceptions, near, matches),
+            map_T_proposed.covariance,
+            estimate.proposed_T_base,
+            perceptions,
+        )
+        return log_odds < _SURE_LOG_ODDS
 
     @property
     def remembered_since_m(self) -> float:

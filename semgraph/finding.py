@@ -4,10 +4,12 @@ from typing import Final
 
 import numpy as np
 
+from semgraph.arrays import FloatArray
 from semgraph.constellations.constellation import Constellation, MapIndex
+from semgraph.constellations.pairing import log_share
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions
-from semgraph.measurement_model import CHI2_3DOF_999
+from semgraph.measurement_model import CHI2_3DOF_999, mahalanobis2
 from semgraph.navigation_map import NavigationMap
 
 # It fits more probably than not: what follows from it is gated again.
@@ -67,3 +69,39 @@ def find_pose(
         if is_near and placement.log_odds >= _LEAST_LOG_ODDS:
             return placement.map_T_local
     return None
+
+
+def log_odds_of_matches(
+    perceived: FloatArray,
+    mapped: FloatArray,
+    covariances: FloatArray,
+    prior: FloatArray,
+    proposed_T_base: UncertainPose2,
+    perceptions: Perceptions,
+) -> float:
+    """The ln odds that these are matches, and not things that stand there by chance.
+
+    Args:
+        perceived: (k, 2) m in base.
+        mapped: (k, 2) m in the proposed frame, of the same things.
+        covariances: (k, 2, 2) of their differences, in base.
+        prior: (3, 3) covariance of the proposed frame.
+        proposed_T_base: the pose by both, matches and prior.
+        perceptions: all there are.
+
+    Source: Laplace's method; a wide prior has many places for matches to be found at.
+    """
+    if not len(perceived):
+        return -np.inf
+    pose = proposed_T_base.pose
+    residuals = pose.inverse().transform(mapped) - perceived
+    in_sight_m2 = np.pi * float(perceptions.ranges_m.max()) ** 2
+    by_chance = len(perceptions) / in_sight_m2
+    of_matches = -0.5 * mahalanobis2(residuals, covariances)
+    of_matches -= 0.5 * np.linalg.slogdet(2.0 * np.pi * covariances)[1] + np.log(by_chance)
+    moved = pose.as_array()
+    of_pose = -0.5 * moved @ np.linalg.solve(prior, moved)
+    left = 0.5 * (np.linalg.slogdet(proposed_T_base.covariance)[1] - np.linalg.slogdet(prior)[1])
+    num_others = len(perceptions) - len(perceived)
+    share = log_share(np.array([len(perceived)]), np.array([num_others]))[0]
+    return float(of_matches.sum() + of_pose + left + share)

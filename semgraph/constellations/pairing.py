@@ -100,8 +100,8 @@ class Scene:
         num_mapped = pairs.sums(1.0 * self.is_known[pairs.owners, pairs.rows], num_poses)
         log_odds: FloatArray = (
             pairs.sums(self._gains_of(pairs), num_poses)
-            + _log_share(num_seen, num_expected - num_seen)
-            + _log_share(num_mapped, self.is_known.sum(axis=1) - num_mapped)
+            + log_share(num_seen, num_expected - num_seen)
+            + log_share(num_mapped, self.is_known.sum(axis=1) - num_mapped)
         )
         return log_odds
 
@@ -123,7 +123,7 @@ class Scene:
         return np.isin(pairs.owners * self.num_mapped + pairs.columns, self.expected)
 
 
-def _log_share(num_in: FloatArray, num_out: FloatArray) -> FloatArray:
+def log_share(num_in: FloatArray | IntArray, num_out: FloatArray | IntArray) -> FloatArray:
     """(h,) ln probability that of landmarks in a row just these are in and those out.
 
     Source: the beta-binomial distribution.

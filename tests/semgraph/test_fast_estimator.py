@@ -290,18 +290,36 @@ def test_a_scan_of_which_less_than_half_is_known_is_placed_after_a_long_stop() -
     np.testing.assert_allclose(error, 0.0, atol=0.05)
 
 
-def test_where_too_little_is_seen_to_find_a_place_it_goes_on_as_usual() -> None:
-    """Two trees place no scan; by how evenly it moved they are taken for what they are."""
+def hidden_but(num_trees: int) -> tuple[list[Pose2], list[Perceptions]]:
+    """Scan 20 shows the nearest trees only."""
     poses, scans = seconds_apart(30)
-    for k in (20, 21):
-        nearest = np.sort(np.argsort(scans[k].ranges_m)[:2])
-        scans[k] = scans[k].select(nearest)
+    nearest = np.sort(np.argsort(scans[20].ranges_m)[:num_trees])
+    scans[20] = scans[20].select(nearest)
+    return poses, scans
+
+
+def test_where_too_little_is_seen_to_find_a_place_it_goes_on_as_usual() -> None:
+    """Three trees place no scan; by how evenly it moved they are taken for what they are."""
+    poses, scans = hidden_but(3)
     short = FastSettings.model_validate({"memory_m": 20.0})
     steps, _ = followed(short, scans)
     np.testing.assert_allclose(errors(steps, poses), 0.0, atol=1e-6)
     known = {i for step in steps[:20] for i in step.landmark_ids.tolist()}
     assert known.issuperset(steps[20].landmark_ids.tolist())
     assert steps[20].motion.covariance[0, 0] < 1.0 < steps[19].motion.covariance[0, 0]
+
+
+def test_two_trees_as_far_apart_as_two_others_say_not_where_it_is() -> None:
+    """Who moves evenly by a metre finds two such trees somewhere; the map begins anew."""
+    poses, scans = hidden_but(2)
+    short = FastSettings.model_validate({"memory_m": 20.0})
+    steps, _ = followed(short, scans)
+    known = {i for step in steps[:20] for i in step.landmark_ids.tolist()}
+    assert known.isdisjoint(steps[20].landmark_ids.tolist())
+    assert 0.5 < steps[20].motion.covariance[0, 0] < 1.0
+    for (before, after), (a, b) in zip(pairwise(steps[22:]), pairwise(poses[22:]), strict=True):
+        moved = before.map_T_base.pose.between(after.map_T_base.pose)
+        np.testing.assert_allclose(moved.as_array(), a.between(b).as_array(), atol=1e-6)
 
 
 @pytest.mark.parametrize(
