@@ -400,8 +400,13 @@ class FastEstimator:
         estimate: "_Estimate",
         map_T_proposed: UncertainPose2,
     ) -> bool:
-        """Whether the matches may be so: two that are as far apart as two others are everywhere."""
+        """Whether the matches may be so: two that are as far apart as two others are everywhere.
+
+        What bears a name is what it is.
+        """
         matches = estimate.matches
+        if (perceptions.identities[matches.rows] != "").any():
+            return False
         log_odds = log_odds_of_matches(
             perceptions.base_t_landmarks()[matches.rows],
             near.proposed_t_landmarks[matches.columns],

@@ -322,6 +322,23 @@ def test_two_trees_as_far_apart_as_two_others_say_not_where_it_is() -> None:
         np.testing.assert_allclose(moved.as_array(), a.between(b).as_array(), atol=1e-6)
 
 
+def test_one_tree_with_a_name_is_what_it_is() -> None:
+    poses, scans = hidden_but(1)
+    names = {i: f"tree {i}" for i in range(len(stand()))}
+    named = []
+    for scan, pose in zip(scans, poses, strict=True):
+        places = pose.transform(scan.base_t_landmarks())
+        which = np.hypot(*(places[:, None] - stand()[None]).transpose(2, 0, 1)).argmin(axis=1)
+        named.append(replace(scan, identities=np.array([names[i] for i in which.tolist()])))
+    short = FastSettings.model_validate({"memory_m": 20.0})
+    steps, _ = followed(short, named)
+    known = {i for step in steps[:20] for i in step.landmark_ids.tolist()}
+    assert len(scans[20]) == 1
+    assert known.issuperset(steps[20].landmark_ids.tolist())
+    # The map has not begun anew, at a pose that is known by definition.
+    assert steps[20].map_T_base.covariance[0, 0] > 0.01**2
+
+
 @pytest.mark.parametrize(
     "setting",
     [
