@@ -62,6 +62,9 @@ class SmootherSettings(BaseModel):
 _KEPT_SCANS: Final = 500
 # Among fewer things nobody can tell whether the robot or the thing moves.
 _LEAST_TO_JUDGE: Final = 3
+# Of two neighbours a sighting is of the one that explains it better, by however little: which of
+# them a track was on before says nothing of where it slipped.
+_BETTER_LOG_ODDS: Final = 0.0
 # How often what a neighbour explains better is looked for at the end; nearly all is found at first.
 _HAND_OVERS: Final = 3
 
@@ -167,9 +170,8 @@ class Smoother:
             for k, known in landmarks.items()
             if not known.identity
         }
-        log_odds = float(np.log(self._settings.duplicate_odds))
         changed = set[int]()
-        handed = self._graph.hand_over_to_neighbours(likenesses, log_odds)
+        handed = self._graph.hand_over_to_neighbours(likenesses, _BETTER_LOG_ODDS)
         for old, _, sighted in handed:
             for scan in self._keyframes.scans_of(sighted.poses).tolist():
                 landmarks[old].scans.discard(scan)

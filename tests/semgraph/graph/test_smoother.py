@@ -4,12 +4,15 @@ import gc
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from evaluation.benches.bench_graph import num_mixed
 from evaluation.consistency import bounds_of_mean, gauge, pose_nees
 from evaluation.metrics import judge
+from evaluation.oracle import oracle
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.decisions import What
 from semgraph.files.yaw_rates import YawRateLog
@@ -23,6 +26,8 @@ from semgraph.results import RunResult
 from semgraph.settings import load_settings
 from semgraph.tracking import tracker_of
 from sensors.measurements import Measurement, Recording
+from sensors.simulation.courses.eight import EightOptions
+from sensors.simulation.courses.eight import read as read_eight
 from sensors.simulation.courses.perceptions import CourseOptions, read
 from sensors.truth import Source
 
@@ -267,6 +272,23 @@ def test_a_perception_taken_for_the_wrong_tree_is_of_none_in_the_end() -> None:
     assert any(str(each).endswith("sightings fit nothing") for each in left)
     share = np.mean([(ids >= 0).mean() for ids in associations.values() if len(ids)])
     assert share > 0.9
+
+
+def test_a_landmark_of_a_pair_holds_what_fits_it_better_than_the_other(tmp_path: Path) -> None:
+    """Pairs of trunks 0.3 m apart, as far off as the noise from 20 m: tracks slip between them."""
+    rng = np.random.default_rng(0)
+    trunks = rng.uniform(0.0, 44.0, (40, 2))
+    angles = rng.uniform(0.0, 2.0 * np.pi, 40)
+    beside = trunks + 0.3 * np.column_stack([np.cos(angles), np.sin(angles)])
+    stems = tmp_path / "stems.csv"
+    lines = [f"{x},{y},3.2\n" for x, y in np.vstack([trunks, beside]).tolist()]
+    stems.write_text("x,y,mark\n" + "".join(lines))
+    options = EightOptions(stem_map=stems, length_m=130.0, seed=1, odometry=True)
+    source = read_eight("course:eight", options)
+    result = ran(source.recording)
+    truly = oracle(source, load_settings(None, [])).associations
+    assert num_mixed(truly, result) == 0
+    assert any(each.what is What.HANDED_OVER for each in result.decisions)
 
 
 def test_what_a_run_keeps_is_no_garbage_until_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
