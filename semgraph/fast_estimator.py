@@ -402,10 +402,10 @@ class FastEstimator:
     ) -> bool:
         """Whether the matches may be so: two that are as far apart as two others are everywhere.
 
-        What bears a name is what it is.
+        What bears a name is what it is, and where nothing is perceived nothing is matched.
         """
         matches = estimate.matches
-        if (perceptions.identities[matches.rows] != "").any():
+        if not len(perceptions) or (perceptions.identities[matches.rows] != "").any():
             return False
         log_odds = log_odds_of_matches(
             perceptions.base_t_landmarks()[matches.rows],

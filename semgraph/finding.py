@@ -9,7 +9,7 @@ from semgraph.constellations.constellation import Constellation, MapIndex
 from semgraph.constellations.pairing import log_share
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions
-from semgraph.measurement_model import CHI2_3DOF_999, mahalanobis2
+from semgraph.measurement_model import CHI2_3DOF_999, log_odds_of_pairs
 from semgraph.navigation_map import NavigationMap
 
 # It fits more probably than not: what follows from it is gated again.
@@ -75,7 +75,7 @@ def log_odds_of_matches(
     perceived: FloatArray,
     mapped: FloatArray,
     covariances: FloatArray,
-    prior: FloatArray,
+    prior_covariance: FloatArray,
     proposed_T_base: UncertainPose2,
     perceptions: Perceptions,
 ) -> float:
@@ -85,23 +85,21 @@ def log_odds_of_matches(
         perceived: (k, 2) m in base.
         mapped: (k, 2) m in the proposed frame, of the same things.
         covariances: (k, 2, 2) of their differences, in base.
-        prior: (3, 3) covariance of the proposed frame.
+        prior_covariance: (3, 3) of the proposed frame.
         proposed_T_base: the pose by both, matches and prior.
-        perceptions: all there are.
+        perceptions: all there are, one at least.
 
     Source: Laplace's method; a wide prior has many places for matches to be found at.
     """
-    if not len(perceived):
-        return -np.inf
     pose = proposed_T_base.pose
+    density = len(perceptions) / (np.pi * float(perceptions.ranges_m.max()) ** 2)
     residuals = pose.inverse().transform(mapped) - perceived
-    in_sight_m2 = np.pi * float(perceptions.ranges_m.max()) ** 2
-    by_chance = len(perceptions) / in_sight_m2
-    of_matches = -0.5 * mahalanobis2(residuals, covariances)
-    of_matches -= 0.5 * np.linalg.slogdet(2.0 * np.pi * covariances)[1] + np.log(by_chance)
+    of_pairs = log_odds_of_pairs(residuals, covariances, density).sum()
     moved = pose.as_array()
-    of_pose = -0.5 * moved @ np.linalg.solve(prior, moved)
-    left = 0.5 * (np.linalg.slogdet(proposed_T_base.covariance)[1] - np.linalg.slogdet(prior)[1])
+    of_motion = -0.5 * moved @ np.linalg.solve(prior_covariance, moved)
+    left, before = (
+        0.5 * np.linalg.slogdet(each)[1] for each in (proposed_T_base.covariance, prior_covariance)
+    )
     num_others = len(perceptions) - len(perceived)
-    share = log_share(np.array([len(perceived)]), np.array([num_others]))[0]
-    return float(of_matches.sum() + of_pose + left + share)
+    share = log_share(np.array(len(perceived)), np.array(num_others))
+    return float(of_pairs + of_motion + left - before + share)

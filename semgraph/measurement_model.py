@@ -76,6 +76,25 @@ def mahalanobis2(differences: FloatArray, covariances: FloatArray) -> FloatArray
     return distances2
 
 
+def log_odds_of_pairs(
+    differences: FloatArray, covariances: FloatArray, densities: FloatArray | float
+) -> FloatArray:
+    """(...) ln N(difference; 0, S) - ln density of pairs, each for itself; -inf outside the gate.
+
+    Args:
+        differences: (..., 2) m.
+        covariances: (..., 2, 2) m2 of those.
+        densities: (...) of unknown landmarks, per m2.
+    """
+    distances2 = mahalanobis2(differences, covariances)
+    determinants = np.linalg.det(covariances)
+    # Rounding makes of what is nearly singular something without a likelihood.
+    is_possible = (distances2 <= CHI2_2DOF_999) & (distances2 >= 0.0) & (determinants > 0.0)
+    scales = (2.0 * np.pi) ** 2 * np.where(is_possible, determinants, 1.0)
+    log_likelihoods = -0.5 * distances2 - 0.5 * np.log(scales)
+    return np.where(is_possible, log_likelihoods - np.log(densities), -np.inf)
+
+
 def diameters_contradict(
     first_m: FloatArray | float,
     first_sigmas_m: FloatArray | float,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from semgraph.arrays import BoolArray, FloatArray
-from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
+from semgraph.measurement_model import CHI2_2DOF_999, log_odds_of_pairs, mahalanobis2
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,22 +147,3 @@ def _grow(
 def _gains(space: _Differences, density: float) -> FloatArray:
     """(a, b) what each pair would add to the log odds; outside its gate it adds nothing."""
     return log_odds_of_pairs(space.mean, space.covariances(), density)
-
-
-def log_odds_of_pairs(
-    differences: FloatArray, covariances: FloatArray, densities: FloatArray | float
-) -> FloatArray:
-    """(...) ln N(difference; 0, S) - ln density of pairs, each for itself; -inf outside the gate.
-
-    Args:
-        differences: (..., 2) m.
-        covariances: (..., 2, 2) m2 of those.
-        densities: (...) of unknown landmarks, per m2.
-    """
-    distances2 = mahalanobis2(differences, covariances)
-    determinants = np.linalg.det(covariances)
-    # Rounding makes of what is nearly singular something without a likelihood.
-    is_possible = (distances2 <= CHI2_2DOF_999) & (distances2 >= 0.0) & (determinants > 0.0)
-    scales = (2.0 * np.pi) ** 2 * np.where(is_possible, determinants, 1.0)
-    log_likelihoods = -0.5 * distances2 - 0.5 * np.log(scales)
-    return np.where(is_possible, log_likelihoods - np.log(densities), -np.inf)

@@ -7,12 +7,12 @@ from typing import Final, Protocol
 import numpy as np
 
 from semgraph.arrays import BoolArray, FloatArray
-from semgraph.graph.association import associate, log_odds_of_pairs
+from semgraph.graph.association import associate
 from semgraph.graph.drift import Drift
 from semgraph.graph.existence import Evidence, Existence
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.landmarks import Kind, Perceptions, SemanticObject, semantic_object
-from semgraph.measurement_model import diameters_contradict
+from semgraph.measurement_model import diameters_contradict, log_odds_of_pairs
 from semgraph.scan_set import ScanSet
 
 _MAX_OLD: Final = 20

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 from scipy.spatial import KDTree
-from scipy.special import gammaln
+from scipy.special import betaln
 
 from semgraph.arrays import FloatArray, IntArray, flattened
 from semgraph.geometry import composed_poses, points_from, transform_points
@@ -102,6 +102,5 @@ class ExpectedSights:
 
 def _log_seen(num_seen: IntArray, num_expected: IntArray) -> FloatArray:
     """Log of the probability of seeing these of those, whatever share is seen."""
-    num_missed = num_expected - num_seen
-    logs: FloatArray = gammaln(num_seen + 1) + gammaln(num_missed + 1) - gammaln(num_expected + 2)
+    logs: FloatArray = betaln(num_seen + 1, num_expected - num_seen + 1)
     return logs

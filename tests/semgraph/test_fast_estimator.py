@@ -322,6 +322,16 @@ def test_two_trees_as_far_apart_as_two_others_say_not_where_it_is() -> None:
         np.testing.assert_allclose(moved.as_array(), a.between(b).as_array(), atol=1e-6)
 
 
+def test_a_scan_that_shows_nothing_lets_nothing_be_forgotten() -> None:
+    poses, scans = hidden_but(0)
+    short = FastSettings.model_validate({"memory_m": 20.0})
+    steps, _ = followed(short, scans)
+    known = {i for step in steps[:20] for i in step.landmark_ids.tolist()}
+    assert len(scans[20]) == 0
+    assert np.isin(steps[21].landmark_ids, list(known)).mean() > 0.5
+    np.testing.assert_allclose(errors(steps[21:], poses[21:]), 0.0, atol=1e-6)
+
+
 def test_one_tree_with_a_name_is_what_it_is() -> None:
     poses, scans = hidden_but(1)
     names = {i: f"tree {i}" for i in range(len(stand()))}
