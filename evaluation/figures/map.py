@@ -154,7 +154,8 @@ def _draw_trajectories(axes: "Axes", lines: Sequence[Line]) -> None:
             color=colour,
             linewidth=widths[label],
             label=label,
-            zorder=2 + 0.1 * number,
+            # Above the landmarks, which in a forest hide all.
+            zorder=4.1 + 0.1 * number,
             alpha=0.55 if label == "true path" else 1.0,
             solid_capstyle="round",
         )

@@ -146,8 +146,13 @@ def drawable(text: str) -> str:
 
 
 def broken_at_gaps(stamps_ns: IntArray, points: FloatArray) -> FloatArray:
-    """Points (n, d) with a row of NaN wherever more than 2 s passed: a line breaks there."""
-    gaps = np.flatnonzero(np.diff(stamps_ns) > MAX_GAP_NS) + 1
+    """Points (n, d) with a row of NaN wherever more than 2 s passed: a line breaks there.
+
+    Where points are always that far apart, it breaks where thrice the usual time passed.
+    """
+    steps_ns = np.diff(stamps_ns)
+    longest_ns = max(MAX_GAP_NS, 3.0 * float(np.median(steps_ns))) if len(steps_ns) else MAX_GAP_NS
+    gaps = np.flatnonzero(steps_ns > longest_ns) + 1
     return np.insert(points, gaps, np.nan, axis=0)
 
 

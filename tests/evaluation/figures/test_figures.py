@@ -126,6 +126,13 @@ def test_lines_break_where_nothing_was_known() -> None:
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(broken[:, 0])), [3])
 
 
+def test_a_line_of_points_that_are_always_far_apart_breaks_only_where_they_are_farther() -> None:
+    seconds = np.array([0, 3, 6, 9, 48, 51, 54])
+    broken = broken_at_gaps(seconds * 1_000_000_000, np.arange(14.0).reshape(7, 2))
+    assert np.flatnonzero(np.isnan(broken).all(axis=1)).tolist() == [4]
+    assert not len(broken_at_gaps(np.empty(0, dtype=np.int64), np.empty((0, 2))))
+
+
 def test_what_the_font_lacks_is_a_question_mark() -> None:
     assert drawable("Müller 森\n") == "Müller ??"
 
