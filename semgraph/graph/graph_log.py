@@ -12,6 +12,9 @@ from semgraph.graph.factors import Sighting
 from semgraph.graph.growing import Growing
 
 NOWHERE: Final = -1
+# What 16 bit hold to half a thousandth.
+_LEAST_M: Final = 1e-4
+_MOST_M: Final = 6e4
 # Of a symmetric (3, 3) what is kept, and where each element is in that.
 _TRIANGLE: Final = np.triu_indices(3)
 _OF_TRIANGLE: Final = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
@@ -46,7 +49,8 @@ class Sighted:
 class GraphLog:
     """Motions and sightings in the order they were added; about 50 bytes a sighting.
 
-    What was perceived is kept in 32 bit: rounding is a ten-millionth of it. Shares are in 16.
+    What was perceived is kept in 32 bit: rounding is a ten-millionth of it. Shares and
+    diameters are in 16: rounding is half a thousandth, of which no detector is sure.
 
     Attributes:
         start: where pose 0 is.
@@ -54,7 +58,6 @@ class GraphLog:
         poses, tracks: (m,) of each sighting.
         landmarks: (m,) that each is of now; -1 where that was taken out.
         common_shares: (m,) of the ranges' variances.
-        diameters: (m, 2) m, perceived, and their sigmas; NaN for none.
     """
 
     def __init__(self, start: UncertainPose2) -> None:
@@ -63,7 +66,7 @@ class GraphLog:
         self._poses, self._tracks, self._landmarks = (Growing((), np.int32) for _ in range(3))
         self._polar, self._covariances = (Growing((n,), np.float32) for n in (2, 3))
         self._common_shares = Growing((), np.float16)
-        self._diameters = Growing((2,), np.float32)
+        self._diameters = Growing((2,), np.float16)
         self._rows: dict[int, array[int]] = {}
         # How many sightings there were when a pose came: its own are later ones.
         self._num_before = array("i", [0])
@@ -100,11 +103,6 @@ class GraphLog:
         """(m,)."""
         return self._common_shares.rows
 
-    @property
-    def diameters(self) -> FloatArray:
-        """(m, 2)."""
-        return self._diameters.rows
-
     def motion_covariances(self, poses: IntArray | slice) -> FloatArray:
         """(k, 3, 3) of the motions to some poses."""
         covariances: FloatArray = self._motion_triangles.rows[poses][:, _OF_TRIANGLE]
@@ -113,6 +111,10 @@ class GraphLog:
     def polar(self, rows: IntArray) -> FloatArray:
         """(k, 2) range and bearing of some sightings."""
         return self._polar.rows[rows].astype(np.float64)
+
+    def diameters(self, rows: IntArray) -> FloatArray:
+        """(k, 2) m of some sightings, and their sigmas; NaN for none."""
+        return self._diameters.rows[rows].astype(np.float64)
 
     def covariances(self, rows: IntArray) -> FloatArray:
         """(k, 2, 2) of some sightings."""
@@ -160,7 +162,9 @@ class GraphLog:
         self._polar.append((sighting.range_m, sighting.bearing))
         self._covariances.append((a, b, d))
         self._common_shares.append(sighting.common_share)
-        self._diameters.append((sighting.diameter_m, sighting.diameter_sigma_m))
+        self._diameters.append(
+            (_in_16_bit(sighting.diameter_m), _in_16_bit(sighting.diameter_sigma_m))
+        )
         row = self._landmarks.append(sighting.landmark)
         self._rows[sighting.landmark].append(row)
         return row
@@ -224,3 +228,8 @@ class GraphLog:
         """It is no more, and what is still a sighting of it is of nothing."""
         self.landmarks[self.rows(landmark)] = NOWHERE
         del self._rows[landmark]
+
+
+def _in_16_bit(length_m: float) -> float:
+    """The nearest length that 16 bit can tell; NaN stays NaN."""
+    return min(max(length_m, _LEAST_M), _MOST_M)

@@ -111,7 +111,7 @@ def _neighbours(
 
 def _of_diameters(log: GraphLog, rows: IntArray, now: Likeness, then: Likeness) -> FloatArray:
     """(k,) by how much chi-squares fall, if sightings are of what is like `then`; 0 if unknown."""
-    perceived = log.diameters[rows].astype(np.float64).T
+    perceived = log.diameters(rows).T
     log_likelihoods = [
         diameter_log_likelihoods(*perceived, *(np.full(len(rows), each) for each in like.diameter))
         for like in (then, now)

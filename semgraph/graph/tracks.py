@@ -107,5 +107,5 @@ class Track:
         """
         if self._places and now_ns - self._places[-1][0] <= _SPAN_NS:
             return False
-        self._places = []
+        self._places, self._away = [], ()
         return True

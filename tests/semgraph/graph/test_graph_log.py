@@ -31,6 +31,27 @@ def test_sightings_come_back_as_they_were() -> None:
     np.testing.assert_allclose(log.covariances(np.array([5])), [NOISE], 1e-6)
 
 
+@pytest.mark.parametrize(
+    ("perceived", "kept"),
+    [
+        ((0.3123, 0.0214), (0.3123, 0.0214)),
+        ((np.nan, np.nan), (np.nan, np.nan)),
+        ((1e-9, 1e-30), (1e-4, 1e-4)),
+        ((1e9, 1e30), (6e4, 6e4)),
+    ],
+)
+def test_diameters_come_back_to_half_a_thousandth(
+    perceived: tuple[float, float], kept: tuple[float, float]
+) -> None:
+    log = filled()
+    row = log.add_sighting(Sighting(1, 0, 5.0, 0.1, NOISE, 0, 0.0, *perceived))
+    np.testing.assert_allclose(log.diameters(np.array([row])), [kept], 5e-4)
+    assert (log.sighting(row).diameter_m, log.sighting(row).diameter_sigma_m) == pytest.approx(
+        kept, 5e-4, nan_ok=True
+    )
+    assert np.isnan(log.diameters(np.array([0]))).all()
+
+
 def test_what_is_handed_over_or_forgotten_is_of_another_landmark_or_none() -> None:
     log = filled()
     log.hand_over(log.rows(2), 0)
