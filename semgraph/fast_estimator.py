@@ -15,27 +15,17 @@ from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions
 from semgraph.matching import Assignment, LocalMap, Matches, SweepRule, local_map, match
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
-from semgraph.motion_model import (
-    MotionHabit,
-    MotionNoise,
-    constant_motion,
-    corrected,
-    span_s2,
-)
+from semgraph.motion_model import MotionNoise
+from semgraph.movement import KNOWN_START, Movement
 from semgraph.navigation_map import Averaging, NavigationMap
 
 _MOST_TURNS: Final = 200
 # With sigmas beyond so many search radii the radius says nothing.
 _LOST_RADII: Final = 2.0
-# So many landmarks seen twice tell how the robot moved.
-_TELL_SPEED: Final = 2
-# The share of a wandering velocity's variance that one place after it leaves.
-_LEFT_BY_ONE_PLACE: Final = 0.25
 # Of what is remembered, this much is looked at: all, then ever less.
 _FRESHER: Final = np.array([1.0, 0.5, 0.25])
 # Of matches that a guessed pose has found, a hundred to one.
 _SURE_LOG_ODDS: Final = float(np.log(100.0))
-_KNOWN_START: Final = np.diag([1e-6**2, 1e-6**2, 1e-6**2])
 
 
 class Rules(Enum):
@@ -94,19 +84,10 @@ class FastEstimator:
         averaging = Averaging.SIGHTINGS if self._is_paper else Averaging.INFORMATION
         self._map = NavigationMap(averaging) if fixed_map is None else fixed_map
         self._is_fixed = fixed_map is not None
-        noise = MotionNoise(settings.acceleration, settings.angular_acceleration)
-        self._motion_noise, self._habit = noise, MotionHabit(noise)
+        self._movement = Movement(MotionNoise(settings.acceleration, settings.angular_acceleration))
         self._map_T_last = UncertainPose2(map_T_start, np.zeros((3, 3)))
         self._map_covariance = settings.map_sigma_m**2 * np.eye(2)
-        self._last_motion = Pose2()
         self._driven_m, self._forgetting_at_m = 0.0, settings.memory_m
-        self._last_seconds = 0.0
-        # For how long the velocity was free to change.
-        self._unseen_seconds = 0.0
-        self._num_known = 0
-        self._was_perceived = False
-        self._was_speed_seen = False
-        self._last_stamp_ns: int | None = None
 
     @property
     def navigation_map(self) -> NavigationMap:
@@ -116,10 +97,7 @@ class FastEstimator:
     def restart(self, map_T_base: UncertainPose2, stamp_ns: int) -> None:
         """The pose at a time is known from elsewhere; the movement up to it is not."""
         self._map_T_last = map_T_base
-        self._last_motion, self._last_seconds, self._unseen_seconds = Pose2(), 0.0, 0.0
-        self._last_stamp_ns, self._was_perceived = stamp_ns, False
-        self._was_speed_seen = False
-        self._num_known = 0
+        self._movement.restart(stamp_ns)
 
     def step(self, perceptions: Perceptions, odometry: UncertainPose2 | None) -> FastStep:
         """The pose at these perceptions, after which they are in the map.
@@ -129,7 +107,8 @@ class FastEstimator:
             odometry: last_T_current as the wheels measured it; None where there are none.
         """
         motion, map_T_proposed, is_guess = self._expect(perceptions, odometry)
-        told = motion if odometry is not None else self._told(perceptions.stamp_ns, motion)
+        stamp_ns = perceptions.stamp_ns
+        told = self._movement.told(stamp_ns, motion) if odometry is None else motion
         near, estimate = self._look_around(perceptions, map_T_proposed)
         if is_guess and self._is_by_chance(perceptions, near, estimate, map_T_proposed):
             map_T_proposed = self._begin_anew(map_T_proposed.pose)
@@ -138,16 +117,16 @@ class FastEstimator:
             map_T_proposed.pose @ estimate.proposed_T_base.pose, estimate.proposed_T_base.covariance
         )
         landmark_ids = self._update_map(perceptions, map_T_base, near, estimate.matches)
-        is_perceived = isinstance(estimate.closed_form, Alignment)
-        self._remember(
-            perceptions.stamp_ns,
-            map_T_base,
+        self._movement.note(
+            stamp_ns,
             motion.pose,
+            self._map_T_last.pose.between(map_T_base.pose),
+            int((landmark_ids >= 0).sum()),
             is_seen=len(estimate.matches) > 0,
-            is_perceived=is_perceived,
+            is_perceived=isinstance(estimate.closed_form, Alignment),
         )
-        self._num_known = int((landmark_ids >= 0).sum())
-        return FastStep(perceptions.stamp_ns, map_T_base, told, estimate.closed_form, landmark_ids)
+        self._move_on(map_T_base)
+        return FastStep(stamp_ns, map_T_base, told, estimate.closed_form, landmark_ids)
 
     def _expect(
         self, perceptions: Perceptions, odometry: UncertainPose2 | None
@@ -156,7 +135,7 @@ class FastEstimator:
 
         Where the motion says too little, by where all perceptions together stand in the map.
         """
-        motion = self._propose(perceptions.stamp_ns, odometry, self._motion_noise)
+        motion = odometry or self._movement.expected(perceptions.stamp_ns)
         map_T_proposed = self._map_T_last @ motion
         if not self._is_lost(motion):
             return motion, map_T_proposed, False
@@ -165,35 +144,8 @@ class FastEstimator:
         placed = self._find_itself(perceptions, map_T_last.pose, map_T_proposed)
         if placed is not None:
             return motion, placed, False
-        motion = self._propose(perceptions.stamp_ns, odometry, self._habit.noise())
+        motion = odometry or self._movement.usual(perceptions.stamp_ns)
         return motion, *self._go_on(motion)
-
-    def _told(self, stamp_ns: int, motion: UncertainPose2) -> UncertainPose2:
-        """The motion, with all that it leaves open of a speed that nobody has seen.
-
-        One landmark alone tells driving past it from turning before it by what is usual only. The
-        speed that this begins with is good to go on with, but says nothing.
-        """
-        if self._was_speed_seen or self._last_stamp_ns is None:
-            return motion
-        seconds = (stamp_ns - self._last_stamp_ns) * 1e-9
-        unknown = constant_motion(
-            Pose2(), 0.0, seconds, self._motion_noise, self._unseen_seconds
-        ).covariance
-        return UncertainPose2(motion.pose, unknown)
-
-    def _propose(
-        self, stamp_ns: int, odometry: UncertainPose2 | None, noise: MotionNoise
-    ) -> UncertainPose2:
-        """The movement to the proposed frame: by odometry, else the last movement once more."""
-        if odometry is not None:
-            return odometry
-        if self._last_stamp_ns is None:
-            return UncertainPose2(Pose2(), _KNOWN_START)
-        seconds = (stamp_ns - self._last_stamp_ns) * 1e-9
-        return constant_motion(
-            self._last_motion, self._last_seconds, seconds, noise, self._unseen_seconds
-        )
 
     def _look_around(
         self, perceptions: Perceptions, map_T_proposed: UncertainPose2
@@ -391,7 +343,7 @@ class FastEstimator:
         It begins at the pose as it is believed, which is where it is by definition.
         """
         self._driven_m += self._settings.memory_m
-        return UncertainPose2(map_T_base, _KNOWN_START)
+        return UncertainPose2(map_T_base, KNOWN_START)
 
     def _is_by_chance(
         self,
@@ -422,41 +374,14 @@ class FastEstimator:
         """The distance driven before which landmarks are forgotten."""
         return self._driven_m - self._settings.memory_m
 
-    def _remember(
-        self,
-        stamp_ns: int,
-        map_T_base: UncertainPose2,
-        expected: Pose2,
-        *,
-        is_seen: bool,
-        is_perceived: bool,
-    ) -> None:
-        """The movement to a pose; as seen if anything was matched, as perceived if enough was."""
+    def _move_on(self, map_T_base: UncertainPose2) -> None:
+        """The robot is here now; what was not sighted for long is forgotten."""
         step = self._map_T_last.pose.between(map_T_base.pose)
         self._driven_m += float(np.hypot(step.x, step.y))
         if self._driven_m >= self._forgetting_at_m and not self._is_fixed:
             self._map.forget(self.remembered_since_m)
             self._forgetting_at_m = self._driven_m + self._settings.memory_m
-        if self._last_stamp_ns is not None:
-            seconds = (stamp_ns - self._last_stamp_ns) * 1e-9
-            if is_perceived and self._was_perceived and self._last_seconds > 0.0:
-                usual = self._propose(stamp_ns, None, self._motion_noise).pose
-                self._habit.note(usual, step, span_s2(self._last_seconds, seconds))
-            # Two places that were solved for tell the velocity.
-            is_movement = is_perceived and self._was_perceived
-            self._was_speed_seen |= is_perceived and self._num_known >= _TELL_SPEED
-            unseen_seconds = 0.0 if is_movement else self._unseen_seconds
-            if self._last_seconds > 0.0:
-                self._last_motion = corrected(expected, step, seconds, unseen_seconds)
-                self._last_seconds = seconds
-            elif self._num_known and is_seen:
-                self._last_motion, self._last_seconds = step, seconds
-            self._unseen_seconds = (
-                _LEFT_BY_ONE_PLACE * unseen_seconds if is_perceived else unseen_seconds + seconds
-            )
-        self._was_perceived = is_perceived
         self._map_T_last = map_T_base
-        self._last_stamp_ns = stamp_ns
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,16 +1,12 @@
 """How an estimator that brings no motion model of its own expects to have moved."""
 
 from dataclasses import dataclass, field
-from typing import Final
-
-import numpy as np
 
 from semgraph.fast_estimator import FastSettings
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.moments import Moment
 from semgraph.motion_model import MotionNoise, constant_motion
-
-_KNOWN_START: Final = np.diag([1e-6**2, 1e-6**2, 1e-6**2])
+from semgraph.movement import KNOWN_START
 
 
 @dataclass(slots=True)
@@ -28,7 +24,7 @@ class Motions:
         if moment.odometry is not None:
             return moment.odometry
         if self._last_ns is None:
-            return UncertainPose2(Pose2(), _KNOWN_START)
+            return UncertainPose2(Pose2(), KNOWN_START)
         seconds = (moment.perceptions.stamp_ns - self._last_ns) * 1e-9
         noise = MotionNoise(self.settings.acceleration, self.settings.angular_acceleration)
         return constant_motion(self._last_motion, self._last_seconds, seconds, noise)
