@@ -150,7 +150,7 @@ class FactorGraph:
             self._solver.take_up(gone)
         rows = self._solver.log.rows(gone)
         if self.are_far_apart(gone, kept):
-            self._solver.firm += self._solver.live(rows)
+            self._solver.part.make_firm(self._solver.part.live(rows))
         self._solver.hand_over(rows, kept)
         self._solver.windows.hand_over(gone, kept)
         self._solver.forget(gone)
@@ -189,8 +189,8 @@ class FactorGraph:
         """
         self._check_known(landmark)
         self._check_updated(landmark)
-        for row in self._solver.live(self._solver.log.rows(landmark)):
-            self._solver.isam.remove(self._solver.slots.sightings, row)
+        part = self._solver.part
+        part.take_out(part.live(self._solver.log.rows(landmark)))
         windows, numbers = self._solver.windows, self._solver.windows.of(landmark)
         self._solver.forget(landmark)
         for number in numbers:
@@ -423,7 +423,7 @@ class FactorGraph:
             raise GraphError(f"landmark {landmark} is not in the graph; add it first")
 
     def _check_updated(self, landmark: int) -> None:
-        waiting = self._solver.isam.waiting(self._solver.slots.sightings)
+        waiting = self._solver.part.waiting()
         if (self._solver.log.landmarks[waiting] == landmark).any():
             raise GraphError(f"landmark {landmark}: update the graph before it is taken out")
 

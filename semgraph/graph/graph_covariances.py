@@ -130,7 +130,7 @@ class GraphCovariances:
             poses, beside = {0}, None
         else:
             poses, beside = solver.resting.beside()
-        anchors = [hold for hold in solver.holds if hold.anchor in poses]
+        anchors = [hold for hold in solver.part.holds if hold.anchor in poses]
         if len(anchors) != 1:
             return Drift(apart_m, apart_m, beside)
         last_Ad_anchor = solver.pose(solver.last).between(solver.pose(anchors[0].anchor)).adjoint()

@@ -16,19 +16,13 @@ from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import GraphError
 from semgraph.geometry import Pose2, UncertainPose2, transform_points
 from semgraph.graph.condensation import Condensed, follow
-from semgraph.graph.factors import (
-    Hold,
-    Sighting,
-    condensed_factor,
-    hold_factors,
-    motion_factor,
-    sighting_factor,
-)
+from semgraph.graph.factors import Hold, Sighting
 from semgraph.graph.graph_log import GraphLog
-from semgraph.graph.graph_states import AllSlots, GraphEstimate, Snapshot
+from semgraph.graph.graph_states import GraphEstimate, Snapshot
 from semgraph.graph.incremental import Incremental, UpdateError, Values
 from semgraph.graph.last_read import LastRead
 from semgraph.graph.resting import Resting
+from semgraph.graph.solved_part import InIsam, SolvedPart
 from semgraph.graph.window_ends import WindowEnds
 from semgraph.graph.windows import NONE, Window, Windows
 from semgraph.landmarks import cartesian
@@ -39,8 +33,6 @@ JUMP_M: Final = 0.5
 _LONG_WINDOWS: Final = 100
 # Of so many that are awake, what takes time as long as all of them is left out.
 _MANY_WINDOWS: Final = 200
-# What is held by what rests and has moved so far tears it.
-_TORN_M: Final = 0.1
 # How often a graph that moves much is linearized again at most: it ends where nothing moves far.
 _SETTLING: Final = 25
 # After so many failed updates by Cholesky the rest is done by QR.
@@ -56,11 +48,8 @@ class GraphSolver:
         windows: what of it is condensed.
         resting: what of that is not solved at the moment.
         ends: how sure the ends of windows are.
-        holds: what holds in the map what does not rest.
-        isam: the rest, and the condensed.
-        slots: where all of it is in there.
-        firm: rows of sightings that hold without their kernel in the next update.
         last_read: where all is.
+        part: what is in iSAM2.
         incidents: what went wrong and was mended, one line each.
     """
 
@@ -68,18 +57,18 @@ class GraphSolver:
         self.log = GraphLog(map_T_start)
         self.windows = Windows(self.log, window_poses)
         self.resting, self.ends = Resting(self.log, self.windows), WindowEnds()
-        self.isam = Incremental()
-        self.slots = AllSlots()
-        self.firm: list[int] = []
         self.last_read = LastRead(map_T_start.pose)
+        self.part = SolvedPart(self.log, self.windows, self.resting, self.last_read)
         self.incidents: list[str] = []
         self._last_updated = -1
         self._num_failures = 0
         # Whether something became one with what rests, since was chosen what does.
         self._is_stale = False
-        self._hold([Hold(0, map_T_start)])
-        self._add_holds()
-        self.isam.insert_pose(0, map_T_start.pose)
+
+    @property
+    def isam(self) -> Incremental:
+        """All that does not rest, what is condensed of it included."""
+        return self.part.now.isam
 
     @property
     def last(self) -> int:
@@ -96,7 +85,7 @@ class GraphSolver:
         index = self.log.add_motion(motion)
         self.last_read.add_pose(guess)
         self.isam.insert_pose(index, guess)
-        self.add_motion(index)
+        self.part.add_motion(index)
         return index
 
     def add_landmark(self, landmark: int, guess: FloatArray) -> None:
@@ -110,30 +99,12 @@ class GraphSolver:
         self.log.forget(landmark)
         self.last_read.forget(landmark)
 
-    def add_motion(self, pose: int) -> None:
-        """With the next update the motion to a pose is in the graph."""
-        (covariance,) = self.log.motion_covariances(np.array([pose]))
-        factor = motion_factor(pose - 1, pose, self.log.motions[pose], covariance)
-        self.isam.add(factor, self.slots.motions, pose)
-
     def add_sighting(self, sighting: Sighting) -> None:
         """With the next update it is."""
         self.show([sighting.landmark])
         row = self.log.add_sighting(sighting)
         self._is_stale |= self._rests(sighting.landmark)
-        self._add_sighting(row, sighting)
-
-    def _add_sighting(self, row: int, sighting: Sighting) -> None:
-        """The factor of a row of the log."""
-        factor = sighting_factor(sighting, is_firm=row in self.firm)
-        self.isam.add(factor, self.slots.sightings, row)
-
-    def live(self, rows: IntArray) -> list[int]:
-        """The sightings that are factors of their own."""
-        poses = self.log.poses[rows]
-        is_live = (self.windows.of_motions(poses) == NONE) & (poses > self.resting.since)
-        live: list[int] = rows[is_live].tolist()
-        return live
+        self.part.add_sighting(row, sighting)
 
     def is_solved(self, landmark: int) -> bool:
         """Whether nothing that was sighted of it rests."""
@@ -192,9 +163,7 @@ class GraphSolver:
         old = [name for name in names if len(self.log.rows(name))]
         self._is_stale |= not all(map(self.is_solved, old))
         self.log.hand_over(rows, landmark)
-        for row in self.live(rows):
-            self.isam.remove(self.slots.sightings, row)
-            self._add_sighting(row, self.log.sighting(row))
+        self.part.renew(self.part.live(rows))
 
     def update(self, *, relinearize: bool = False) -> None:
         """Takes in all that was added since the last update.
@@ -214,7 +183,7 @@ class GraphSolver:
                 if self.knit():
                     return
                 self._choose()
-            self.add_windows()
+            self.part.add_windows()
             self.isam.update(relinearize=relinearize)
             self._let_go()
             self._moved_on()
@@ -260,13 +229,13 @@ class GraphSolver:
 
     def optimize(self) -> None:
         """The same, with what is condensed as it is, and what rests."""
-        kept = self.isam, self.slots
+        kept = self.part.now
         try:
             self._go_to_optimum()
             self.isam.update()
             self._settled()
         except UpdateError as error:
-            self.isam, self.slots = kept
+            self.part.now = kept
             self._mend(error)
 
     def _go_to_optimum(self) -> None:
@@ -276,13 +245,12 @@ class GraphSolver:
             GraphError: it cannot be solved; all is as it was.
         """
         self._make_current()
-        kept = self.isam, self.slots
-        self.isam, self.slots = Incremental(self.isam.factorization), AllSlots()
+        kept = self.part.now
         try:
-            self._add_all()
+            self.part.begin_anew()
             self._take(self.isam.go_to_optimum())
         except GraphError:
-            self.isam, self.slots = kept
+            self.part.now = kept
             raise
 
     def pose(self, index: int) -> Pose2:
@@ -335,7 +303,7 @@ class GraphSolver:
         return Snapshot(
             self.estimate(),
             self.isam.copy(),
-            self.slots.copy(),
+            self.part.now.slots.copy(),
             self.log.landmarks.copy(),
             len(self.windows),
             frozenset(self.windows.glimpsed),
@@ -357,7 +325,7 @@ class GraphSolver:
         if not is_same:
             self.start_from(snapshot.estimate)
             return
-        self.isam, self.slots = snapshot.isam.copy(), snapshot.slots.copy()
+        self.part.now = InIsam(snapshot.isam.copy(), snapshot.slots.copy())
         self.windows.changed.clear()
         self._settled()
         self._read_all()
@@ -380,10 +348,9 @@ class GraphSolver:
         Raises:
             GraphError: the log itself cannot be solved.
         """
-        old = self.isam, self.slots
-        for factorization in dict.fromkeys((old[0].factorization, "QR")):
-            self.isam, self.slots = Incremental(factorization), AllSlots()
-            self._add_all()
+        old = self.part.now
+        for factorization in dict.fromkeys((old.isam.factorization, "QR")):
+            self.part.begin_anew(factorization)
             try:
                 self.isam.update()
                 steps = 0 if self.last_read.is_current else _SETTLING
@@ -395,7 +362,7 @@ class GraphSolver:
             else:
                 self._settled()
                 return
-        self.isam, self.slots = old
+        self.part.now = old
         self.isam.factorization = "QR"
         raise GraphError(f"the graph cannot be solved: {failure}") from failure
 
@@ -432,7 +399,7 @@ class GraphSolver:
         Returns:
             whether it had.
         """
-        if not self._is_torn():
+        if self.resting.awake is None or not self.part.is_torn():
             return False
         self._wake()
         try:
@@ -443,21 +410,12 @@ class GraphSolver:
         self.update()
         return True
 
-    def _is_torn(self) -> bool:
-        """Whether something has moved off from what rests."""
-        if self.resting.awake is None:
-            return False
-        poses = [pose for hold in self.holds for pose in (hold.anchor, *hold.anchor_T_poses)]
-        now = np.array([self.isam.pose(pose).as_array() for pose in poses])
-        off = now[:, :2] - self._held_at
-        return bool(np.hypot(*off.T).max() > _TORN_M)
-
     def _wake(self) -> None:
         """With the next graph that is built nothing rests."""
         if self.resting.awake is not None:
             self._make_current()
             self.resting.wake()
-            self._hold([Hold(0, self.log.start)])
+            self.part.hold([Hold(0, self.log.start)])
 
     def _choose(self, landmarks: Iterable[int] = ()) -> None:
         """Lets rest what is far off, and builds the graph of all others, to be updated.
@@ -471,20 +429,14 @@ class GraphSolver:
         leaving = before.difference(self.resting.ends())
         self.incidents += self.ends.solve(leaving.union(self.resting.rims()), self.isam)
         try:
-            self._hold(
+            self.part.hold(
                 self.resting.holds(self.last_read.pose, self.landmark, self.ends.covariances)
             )
         except GraphError as error:
             self.incidents.append(f"nothing rests: {error}")
             self._wake()
         self._is_stale = False
-        self.isam, self.slots = Incremental(self.isam.factorization), AllSlots()
-        self._add_all()
-
-    def _hold(self, holds: list[Hold]) -> None:
-        """The graph is to be held by these."""
-        poses = [pose for hold in holds for pose in (hold.anchor, *hold.anchor_T_poses)]
-        self.holds, self._held_at = holds, self.last_read.poses(poses)[:, :2]
+        self.part.begin_anew()
 
     def _condense_next(self) -> None:
         """Takes one window of poses out with the next update, and its factor in."""
@@ -492,8 +444,8 @@ class GraphSolver:
         if found is None:
             return
         first, last = found
-        motions, rows = range(first + 1, last + 1), self.log.rows_of_poses(first + 1, last)
-        if any(self.slots.sightings[row] == NONE for row in rows.tolist()):
+        rows = self.log.rows_of_poses(first + 1, last)
+        if not self.part.is_in(rows):
             return
         is_glimpse = self.windows.glimpses(rows)
         try:
@@ -502,10 +454,8 @@ class GraphSolver:
             self.incidents.append(f"poses {first} to {last} are not condensed: {error}")
             self.windows.skip(last)
             return
-        for pose in motions:
-            self.isam.remove(self.slots.motions, pose)
-        for row in rows.tolist():
-            self.isam.remove(self.slots.sightings, row)
+        self.part.take_out_motions(range(first + 1, last + 1))
+        self.part.take_out(rows.tolist())
         window = Window(first, last, names[:, 1], names[:, 0], condensed)
         number = self.windows.add(window)
         self.windows.glimpsed.update(self.log.landmarks[rows[is_glimpse]].tolist())
@@ -513,26 +463,14 @@ class GraphSolver:
         if self.resting.awake is not None:
             self.resting.awake.add(number)
 
-    def add_windows(self) -> None:
-        """Those that are new or changed."""
-        for number in sorted(self.windows.changed.intersection(self.resting.numbers())):
-            if self.slots.windows[number] != NONE:
-                self.isam.remove(self.slots.windows, number)
-            window = self.windows[number]
-            factor = condensed_factor(window.condensed, window.first, window.last, window.landmarks)
-            self.isam.add(factor, self.slots.windows, number)
-        self.windows.changed.clear()
-
     def _let_go(self) -> None:
         """Sightings that held firmly while the graph moved get their kernel."""
-        if not self.firm:
+        firm = self.part.let_go()
+        if not firm:
             return
-        firm, self.firm = self.firm, []
         self.isam.forget_waiting()
         self.isam.linearize_again(_SETTLING, everywhere=not self.is_long)
-        for row in firm:
-            self.isam.remove(self.slots.sightings, row)
-            self._add_sighting(row, self.log.sighting(row))
+        self.part.renew(firm)
         self.isam.update(relinearize=True)
 
     def _read_all(self) -> None:
@@ -553,41 +491,5 @@ class GraphSolver:
     def _settled(self) -> None:
         """Nothing waits any more."""
         self.isam.forget_waiting()
-        self.firm = []
+        self.part.let_go()
         self._last_updated = self.last
-
-    def _add_all(self) -> None:
-        """All that does not rest waits for an update, with the last good value of each."""
-        self._add_holds()
-        live = range(max(self.resting.since, 0), self.log.num_poses)
-        for pose in live[1:]:
-            if self.windows.of_motion(pose) == NONE:
-                self.add_motion(pose)
-        for row in self.live(self._rows()):
-            self._add_sighting(row, self.log.sighting(row))
-        self.windows.changed.update(self.resting.numbers())
-        self.add_windows()
-        ends = () if self.resting.awake is None else self.resting.ends()
-        for pose in sorted({*live, *ends}):
-            if self.windows.of_pose(pose) == NONE:
-                self.isam.insert_pose(pose, self.last_read.pose(pose))
-        for landmark in self._solved_landmarks():
-            self.isam.insert_landmark(landmark, self.last_read.landmark(landmark))
-
-    def _solved_landmarks(self) -> Iterable[int]:
-        """All that do not rest and were not only glimpsed."""
-        is_whole = self.resting.awake is None
-        names = self.last_read.landmarks() if is_whole else self.resting.landmarks()
-        return (name for name in names if name not in self.windows.glimpsed)
-
-    def _rows(self) -> IntArray:
-        """Sightings among which those are that are factors of their own."""
-        if self.resting.awake is not None:
-            return self.resting.rows()
-        rows = [self.log.rows(landmark) for landmark in self.log.names()]
-        return np.concatenate([np.empty(0, dtype=np.int64), *rows])
-
-    def _add_holds(self) -> None:
-        """What holds the graph in the map."""
-        for number, factor in enumerate(itertools.chain(*map(hold_factors, self.holds))):
-            self.isam.add(factor, self.slots.holds, number)

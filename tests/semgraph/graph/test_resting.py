@@ -141,7 +141,7 @@ def test_what_hangs_together_has_drifted_less_than_it_is_unsure_in_the_map(
     assert drift.beside is not None
     assert new in drift.beside
     assert new - LAP not in drift.beside
-    anchor = solver.holds[-1].anchor
+    anchor = solver.part.holds[-1].anchor
     joint = solver.isam.covariance([pose_key(anchor), pose_key(last)])
     last_Ad_anchor = resting.pose(last).between(resting.pose(anchor)).adjoint()
     to_last = np.hstack([-last_Ad_anchor, np.eye(3)])
