@@ -43,6 +43,11 @@ class Drift:
         return _GATE * (self.beside_m if self.beside is None else max(self.beside_m, self.apart_m))
 
 
+def reach_of(covariance: FloatArray) -> float:
+    """How far in m what is seen from a pose (3, 3) may be off, at 99.9 %."""
+    return _GATE * sigma_m(covariance)
+
+
 def sigma_m(covariance: FloatArray) -> float:
     """Of a pose's (3, 3) position, along its longest axis."""
     return float(np.sqrt(max(np.linalg.eigvalsh(covariance[:2, :2])[-1], 0.0)))

@@ -211,6 +211,22 @@ class FactorGraph:
         weakest = int(np.lexsort((-variances, held))[0])
         return since_pose + 1 + weakest, int(held[weakest])
 
+    def gaps(self, held_by: int, within: int) -> list[tuple[int, int]]:
+        """The last pose before each gap and the first one after it.
+
+        That is where fewer landmarks than `held_by` are sighted both before and after, each within
+        so many poses.
+        """
+        is_weak = self._solver.log.num_across(within) < held_by
+        is_weak[0] = False
+        edges = np.flatnonzero(np.diff([False, *is_weak, False]))
+        return list(zip((edges[::2] - 1).tolist(), (edges[1::2] - 1).tolist(), strict=True))
+
+    def sighted_from(self, first: int, last: int) -> set[int]:
+        """The landmarks sighted from these poses."""
+        log = self._solver.log
+        return set(log.landmarks[log.rows_of_poses(first, min(last, self.num_poses - 1))].tolist())
+
     def cost(self) -> float:
         """Half the sum of all chi-squares, under the kernel; takes time as long as the run.
 

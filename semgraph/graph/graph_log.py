@@ -130,17 +130,19 @@ class GraphLog:
     def __len__(self) -> int:
         return len(self._rows)
 
-    def num_across(self) -> IntArray:
-        """(n,) how many landmarks were sighted both before each pose and from there on."""
+    def num_across(self, within: float = np.inf) -> IntArray:
+        """(n,) how many landmarks were sighted both before each pose and from there on.
+
+        Args:
+            within: so many poses from the one sighting to the next at most.
+        """
         rows = np.flatnonzero(self.landmarks != NOWHERE)
-        poses = self.poses[rows]
-        names, things = np.unique(self.landmarks[rows], return_inverse=True)
-        first, last = np.full(len(names), self.num_poses), np.zeros(len(names), dtype=np.int64)
-        np.minimum.at(first, things, poses)
-        np.maximum.at(last, things, poses)
-        steps = np.zeros(self.num_poses + 2, dtype=np.int64)
-        np.add.at(steps, first + 1, 1)
-        np.add.at(steps, last + 1, -1)
+        rows = rows[np.lexsort((self.poses[rows], self.landmarks[rows]))]
+        names, poses = self.landmarks[rows], self.poses[rows].astype(np.int64)
+        is_seen_again = (names[1:] == names[:-1]) & (np.diff(poses) <= within)
+        steps = np.zeros(self.num_poses + 1, dtype=np.int64)
+        np.add.at(steps, poses[:-1][is_seen_again] + 1, 1)
+        np.add.at(steps, poses[1:][is_seen_again] + 1, -1)
         across: IntArray = steps.cumsum()[: self.num_poses]
         return across
 

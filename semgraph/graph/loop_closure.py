@@ -1,14 +1,14 @@
 """Finds landmarks that are one object: where older ones are in sight again, a loop closes."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Final, Protocol
 
 import numpy as np
 
 from semgraph.arrays import BoolArray, FloatArray
 from semgraph.graph.association import associate
-from semgraph.graph.drift import Drift
 from semgraph.graph.existence import Evidence, Existence
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.landmarks import Kind, Perceptions, SemanticObject, semantic_object
@@ -149,55 +149,98 @@ def find_closures(
     due = set(recent) if due is None else due
     drift = graph.drift()
     estimate = _surroundings(graph, recent, float(_limited(drift.reach_m)))
-    old = _candidates(recent, [k for k in estimate if k not in graph.glimpsed], estimate, drift)
-    near = _distances(recent, old, estimate) <= _limited(drift.reaches_m(old))
+    known = [landmark for landmark in estimate if landmark not in graph.glimpsed]
+    pairs = _pairs(landmarks, estimate, recent, known, drift.reaches_m)
+    if not any(pairs.allowed[row].any() for row, each in enumerate(recent) if each in due):
+        return []
+    covariance = partial(graph.covariance_around, around=recent)
+    return _closures(landmarks, estimate, pairs, covariance, least_log_odds)
+
+
+def closures_across(
+    graph: FactorGraph,
+    landmarks: dict[int, GraphLandmark],
+    recent: Sequence[int],
+    reach_m: float,
+    least_log_odds: float,
+) -> list[Closure]:
+    """The landmarks among `recent` that are others, of a graph of which nothing is condensed.
+
+    Args:
+        graph: updated; by its joint covariance, wherever the last pose is.
+        landmarks: all that are in the graph.
+        recent: that were sighted together.
+        reach_m: how far they may be off.
+        least_log_odds: how sure is sure enough.
+    """
+    estimate = _surroundings(graph, recent, float(_limited(reach_m)))
+    pairs = _pairs(
+        landmarks, estimate, recent, list(estimate), lambda old: np.full(len(old), reach_m)
+    )
+    return _closures(landmarks, estimate, pairs, graph.landmark_covariance, least_log_odds)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pairs:
+    """(a, b) which of `recent` may be which of `old`."""
+
+    recent: list[int]
+    old: list[int]
+    allowed: BoolArray
+
+    def possible(self) -> "_Pairs":
+        """Without what may be none."""
+        rows, columns = (np.flatnonzero(self.allowed.any(axis=axis)) for axis in (1, 0))
+        return _Pairs(
+            [self.recent[row] for row in rows.tolist()],
+            [self.old[column] for column in columns.tolist()],
+            self.allowed[np.ix_(rows, columns)],
+        )
+
+
+def _pairs(
+    landmarks: Mapping[int, GraphLandmark],
+    estimate: Mapping[int, FloatArray],
+    recent: Sequence[int],
+    known: Iterable[int],
+    reaches_m: Callable[[list[int]], FloatArray],
+) -> _Pairs:
+    """Which of those in sight may be which of those known, by kind, attributes and distance."""
+    old = _candidates(recent, known, estimate, reaches_m)
+    near = _distances(recent, old, estimate) <= _limited(reaches_m(old))
     allowed = np.zeros_like(near)
     for row, column in np.argwhere(near):
         allowed[row, column] = landmarks[recent[row]].may_be(landmarks[old[column]])
-    if not any(allowed[row].any() for row, each in enumerate(recent) if each in due):
-        return []
-    rows, columns = np.flatnonzero(allowed.any(axis=1)), np.flatnonzero(allowed.any(axis=0))
-    in_sight = recent
-    recent = [recent[row] for row in rows.tolist()]
-    old = [old[column] for column in columns.tolist()]
-    return _closures(
-        landmarks,
-        estimate,
-        recent,
-        old,
-        graph.covariance_around([*recent, *old], in_sight),
-        allowed[np.ix_(rows, columns)],
-        _density(estimate, recent),
-        least_log_odds,
-    )
+    return _Pairs(list(recent), old, allowed)
 
 
 def _closures(
-    landmarks: dict[int, GraphLandmark],
+    landmarks: Mapping[int, GraphLandmark],
     estimate: Mapping[int, FloatArray],
-    recent: Sequence[int],
-    old: Sequence[int],
-    covariance: FloatArray,
-    allowed: BoolArray,
-    density: float,
+    pairs: _Pairs,
+    covariance: Callable[[list[int]], FloatArray],
     least_log_odds: float,
 ) -> list[Closure]:
-    """The pairs of both sides that are sure enough, among those that `allowed` (a, b) permits."""
+    """The pairs that are sure enough; `covariance` gives the joint one of landmarks."""
+    pairs = pairs.possible()
+    recent, old = pairs.recent, pairs.old
+    if not recent:
+        return []
     differences = np.array([[estimate[a] - estimate[b] for b in old] for a in recent])
     outlines2 = [
         np.array([landmarks[each].outline_sigma_m() ** 2 for each in side])
         for side in (recent, old)
     ]
-    pairs = associate(
+    found = associate(
         differences,
-        covariance,
-        allowed,
-        density,
+        covariance([*recent, *old]),
+        pairs.allowed,
+        _density(estimate, recent),
         outlines2[0][:, None] + outlines2[1][None, :],
     )
     return [
         Closure(recent[pair.recent], old[pair.old], pair.log_odds)
-        for pair in pairs
+        for pair in found
         if pair.log_odds >= least_log_odds
     ]
 
@@ -216,14 +259,14 @@ def _candidates(
     recent: Sequence[int],
     known: Iterable[int],
     estimate: Mapping[int, FloatArray],
-    drift: Drift,
+    reaches_m: Callable[[list[int]], FloatArray],
 ) -> list[int]:
     """The nearest of those known that drift may have brought apart from a recent one."""
     others = [landmark for landmark in known if landmark not in set(recent)]
     if not others:
         return []
     distances = _distances(recent, others, estimate).min(axis=0)
-    reaches = _limited(drift.reaches_m(others))
+    reaches = _limited(reaches_m(others))
     order = np.argsort(distances, kind="stable")[:_MAX_OLD]
     return [others[k] for k in order if distances[k] <= reaches[k]]
 

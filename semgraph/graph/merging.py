@@ -11,9 +11,16 @@ import numpy as np
 
 from semgraph.decisions import DecisionLog, What
 from semgraph.graph.contradiction import log_odds_of_one
+from semgraph.graph.drift import reach_of
 from semgraph.graph.factor_graph import Checkpoint, FactorGraph
 from semgraph.graph.landmark_registry import LandmarkRegistry, Merge
-from semgraph.graph.loop_closure import Closure, density, duplicates, find_closures
+from semgraph.graph.loop_closure import (
+    Closure,
+    closures_across,
+    density,
+    duplicates,
+    find_closures,
+)
 from semgraph.graph.recognition import Recognition, is_lost, recognise
 from semgraph.measurement_model import CHI2_2DOF_999
 
@@ -89,15 +96,15 @@ class Merging:
         if merged and before is not None:
             graph.update(relinearize=True)
             graph.settle()
-            self._go_back_if_costly(merged, before)
+            self._stands(merged, before)
             graph.knit()
 
     def _checkpoint(self, closures: Sequence[Closure]) -> Checkpoint:
         """Before these; of what they make one nothing rests."""
         return self._graph.checkpoint([k for each in closures for k in (each.recent, each.old)])
 
-    def _go_back_if_costly(self, merged: Sequence[Closure], before: Checkpoint) -> None:
-        """Takes all of these back where the graph's cost rose by more than they explain.
+    def _stands(self, merged: Sequence[Closure], before: Checkpoint) -> bool:
+        """Whether the graph's cost rose by no more than these explain; else all are taken back.
 
         Step by step a graph that moved far can come to rest where sightings it lost hold it.
         """
@@ -113,11 +120,44 @@ class Merging:
             graph.optimize()
             rise = graph.cost() - before.cost
         if rise <= most:
-            return
+            return True
         for landmark, merge in merges:
             why = f"the graph's cost rose by {rise:.0f}; {most:.0f} were to be expected"
             self._split(landmark, merge, why)
         graph.go_back(before)
+        return False
+
+    def close_gaps(self, within: int, note: Callable[[str], None]) -> None:
+        """What too few landmarks hold together is held against all else, at the end.
+
+        While the run went on that was done with what was in sight. What a gap's ends are to each
+        other may be told by what followed only, so each gap that closes lets others be tried again.
+
+        Args:
+            within: poses, that a landmark is in sight for after it was sighted.
+            note: told what is being done.
+        """
+        while closed := sum(
+            self._close_gap(*gap, within) for gap in self._graph.gaps(_HELD_BY, within)
+        ):
+            note(f"settling, gaps closed by {closed} landmarks")
+
+    def _close_gap(self, before: int, after: int, within: int) -> int:
+        """How many landmarks sighted after a gap, and not before, are others."""
+        graph = self._graph
+        recent = graph.sighted_from(after, after + within - 1) - graph.sighted_from(0, before)
+        if not recent or after >= graph.num_poses:
+            return 0
+        reach_m = reach_of(graph.pose_covariance(after))
+        closures = closures_across(
+            graph, self._registry.landmarks, sorted(recent), reach_m, self._closure_log_odds
+        )
+        if not closures:
+            return 0
+        checkpoint = graph.checkpoint()
+        merged = self._merge(closures)
+        graph.polish()
+        return len(merged) if self._stands(merged, checkpoint) else 0
 
     def merge_duplicates(self, changed: set[int], note: Callable[[str], None]) -> None:
         """Until there are no more that involve what has changed."""

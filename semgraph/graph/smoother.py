@@ -145,6 +145,7 @@ class Smoother:
         note("settling")
         gc.unfreeze()
         self._graph.polish()
+        self._merging.close_gaps(max(self._settings.in_sight_scans, 1), note)
         self._merging.merge_duplicates(set(self._registry.landmarks), note)
         merged = [
             (landmark, merge)
