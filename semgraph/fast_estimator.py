@@ -26,6 +26,7 @@ _LOST_RADII: Final = 2.0
 _FRESHER: Final = np.array([1.0, 0.5, 0.25])
 # Of matches that a guessed pose has found, a hundred to one.
 _SURE_LOG_ODDS: Final = float(np.log(100.0))
+_NO_MOTION: Final = UncertainPose2(Pose2(), np.zeros((3, 3)))
 
 
 class Rules(Enum):
@@ -86,6 +87,8 @@ class FastEstimator:
         self._is_fixed = fixed_map is not None
         self._movement = Movement(MotionNoise(settings.acceleration, settings.angular_acceleration))
         self._map_T_last = UncertainPose2(map_T_start, np.zeros((3, 3)))
+        # Since anything was in the map that is around.
+        self._moved_unseen = _NO_MOTION
         self._map_covariance = settings.map_sigma_m**2 * np.eye(2)
         self._driven_m, self._forgetting_at_m = 0.0, settings.memory_m
 
@@ -96,7 +99,7 @@ class FastEstimator:
 
     def restart(self, map_T_base: UncertainPose2, stamp_ns: int) -> None:
         """The pose at a time is known from elsewhere; the movement up to it is not."""
-        self._map_T_last = map_T_base
+        self._map_T_last, self._moved_unseen = map_T_base, _NO_MOTION
         self._movement.restart(stamp_ns)
 
     def step(self, perceptions: Perceptions, odometry: UncertainPose2 | None) -> FastStep:
@@ -117,11 +120,13 @@ class FastEstimator:
             map_T_proposed.pose @ estimate.proposed_T_base.pose, estimate.proposed_T_base.covariance
         )
         landmark_ids = self._update_map(perceptions, map_T_base, near, estimate.matches)
+        num_known = int((landmark_ids >= 0).sum())
+        self._moved_unseen = _NO_MOTION if num_known else self._moved_unseen @ motion
         self._movement.note(
             stamp_ns,
             motion.pose,
             self._map_T_last.pose.between(map_T_base.pose),
-            int((landmark_ids >= 0).sum()),
+            num_known,
             is_seen=len(estimate.matches) > 0,
             is_perceived=isinstance(estimate.closed_form, Alignment),
         )
@@ -139,6 +144,9 @@ class FastEstimator:
         map_T_proposed = self._map_T_last @ motion
         if not self._is_lost(motion):
             return motion, map_T_proposed, False
+        if not len(perceptions):
+            motion = odometry or self._movement.usual(perceptions.stamp_ns)
+            return motion, self._map_T_last @ motion, False
         # Wheels that measured a motion say where it led, however unsurely.
         map_T_last = self._map_T_last if odometry is None else map_T_proposed
         placed = self._find_itself(perceptions, map_T_last.pose, map_T_proposed)
@@ -306,8 +314,12 @@ class FastEstimator:
         return bool((is_beside & (mahalanobis2(offsets, covariances) > CHI2_2DOF_999)).all())
 
     def _is_lost(self, motion: UncertainPose2) -> bool:
-        """Whether the motion is so unsure that what is within the radius is so by chance."""
-        sigma_m = float(np.sqrt(np.linalg.eigvalsh(motion.covariance[:2, :2])[-1]))
+        """Whether what is within the radius after a motion is so by chance, so unsure is it.
+
+        With all motions since anything was seen.
+        """
+        moved = self._moved_unseen @ motion
+        sigma_m = float(np.sqrt(np.linalg.eigvalsh(moved.covariance[:2, :2])[-1]))
         return not self._is_paper and sigma_m > _LOST_RADII * self._settings.search_radius_m
 
     def _find_itself(
