@@ -144,16 +144,13 @@ class FastEstimator:
         map_T_proposed = self._map_T_last @ motion
         if not self._is_lost(motion):
             return motion, map_T_proposed, False
-        if not len(perceptions):
-            motion = odometry or self._movement.usual(perceptions.stamp_ns)
-            return motion, self._map_T_last @ motion, False
         # Wheels that measured a motion say where it led, however unsurely.
         map_T_last = self._map_T_last if odometry is None else map_T_proposed
         placed = self._find_itself(perceptions, map_T_last.pose, map_T_proposed)
         if placed is not None:
             return motion, placed, False
         motion = odometry or self._movement.usual(perceptions.stamp_ns)
-        return motion, *self._go_on(motion)
+        return motion, *self._go_on(perceptions, motion)
 
     def _look_around(
         self, perceptions: Perceptions, map_T_proposed: UncertainPose2
@@ -337,13 +334,16 @@ class FastEstimator:
                 return placed
         return None
 
-    def _go_on(self, motion: UncertainPose2) -> tuple[UncertainPose2, bool]:
+    def _go_on(
+        self, perceptions: Perceptions, motion: UncertainPose2
+    ) -> tuple[UncertainPose2, bool]:
         """The pose of one that did not find itself, by what is usual, and whether to doubt it.
 
-        Where that says too little, nothing can be matched: what would be, would be by chance.
+        Where that says too little, nothing can be matched: what would be, would be by chance. Where
+        nothing is perceived nothing is matched, and so nothing doubted or forgotten.
         """
         map_T_base = self._map_T_last @ motion
-        if not np.isfinite(self._settings.memory_m):
+        if not len(perceptions) or not np.isfinite(self._settings.memory_m):
             return map_T_base, False
         if self._is_lost(motion):
             return self._begin_anew(map_T_base.pose), False
@@ -366,10 +366,10 @@ class FastEstimator:
     ) -> bool:
         """Whether the matches may be so: two that are as far apart as two others are everywhere.
 
-        What bears a name is what it is, and where nothing is perceived nothing is matched.
+        What bears a name is what it is.
         """
         matches = estimate.matches
-        if not len(perceptions) or (perceptions.identities[matches.rows] != "").any():
+        if (perceptions.identities[matches.rows] != "").any():
             return False
         log_odds = log_odds_of_matches(
             perceptions.base_t_landmarks()[matches.rows],
