@@ -15,7 +15,7 @@ from semgraph.first_motion import tell_first_motion
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.graph.factors import Sighting
-from semgraph.graph.loop_closure import GraphLandmark
+from semgraph.graph.graph_landmark import GraphLandmark
 from semgraph.landmarks import Kind, Perceptions
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
 from semgraph.moments import moments

@@ -9,7 +9,7 @@ import numpy as np
 from semgraph.arrays import BoolArray, FloatArray
 from semgraph.geometry import Pose2
 from semgraph.graph.existence import Tally
-from semgraph.graph.loop_closure import GraphLandmark
+from semgraph.graph.graph_landmark import GraphLandmark
 from semgraph.landmarks import Kind, Perceptions
 from sensors.views import View
 

@@ -225,7 +225,7 @@ class FactorGraph:
     def sighted_from(self, first: int, last: int) -> set[int]:
         """The landmarks sighted from these poses."""
         log = self._solver.log
-        return set(log.landmarks[log.rows_of_poses(first, min(last, self.num_poses - 1))].tolist())
+        return set(log.landmarks[log.rows_of_poses(first, last)].tolist())
 
     def cost(self) -> float:
         """Half the sum of all chi-squares, under the kernel; takes time as long as the run.

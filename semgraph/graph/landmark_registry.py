@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 
 from semgraph.arrays import IntArray
-from semgraph.graph.loop_closure import Closure, GraphLandmark
+from semgraph.graph.graph_landmark import GraphLandmark
+from semgraph.graph.loop_closure import Closure
 from semgraph.graph.tracks import Track
 from semgraph.landmarks import Kind, Perceptions
 

@@ -96,17 +96,20 @@ class Merging:
         if merged and before is not None:
             graph.update(relinearize=True)
             graph.settle()
-            self._stands(merged, before)
+            self._go_back_if_costly(merged, before)
             graph.knit()
 
     def _checkpoint(self, closures: Sequence[Closure]) -> Checkpoint:
         """Before these; of what they make one nothing rests."""
         return self._graph.checkpoint([k for each in closures for k in (each.recent, each.old)])
 
-    def _stands(self, merged: Sequence[Closure], before: Checkpoint) -> bool:
-        """Whether the graph's cost rose by no more than these explain; else all are taken back.
+    def _go_back_if_costly(self, merged: Sequence[Closure], before: Checkpoint) -> bool:
+        """Takes all of these back where the graph's cost rose by more than they explain.
 
         Step by step a graph that moved far can come to rest where sightings it lost hold it.
+
+        Returns:
+            whether it did.
         """
         graph = self._graph
         merges = [(each.old, self._registry.merges(each.old)[-1]) for each in merged]
@@ -120,12 +123,12 @@ class Merging:
             graph.optimize()
             rise = graph.cost() - before.cost
         if rise <= most:
-            return True
+            return False
         for landmark, merge in merges:
             why = f"the graph's cost rose by {rise:.0f}; {most:.0f} were to be expected"
             self._split(landmark, merge, why)
         graph.go_back(before)
-        return False
+        return True
 
     def close_gaps(self, within: int, note: Callable[[str], None]) -> None:
         """What too few landmarks hold together is held against all else, at the end.
@@ -146,7 +149,7 @@ class Merging:
         """How many landmarks sighted after a gap, and not before, are others."""
         graph = self._graph
         recent = graph.sighted_from(after, after + within - 1) - graph.sighted_from(0, before)
-        if not recent or after >= graph.num_poses:
+        if not recent:
             return 0
         reach_m = reach_of(graph.pose_covariance(after))
         closures = closures_across(
@@ -157,7 +160,7 @@ class Merging:
         checkpoint = graph.checkpoint()
         merged = self._merge(closures)
         graph.polish()
-        return len(merged) if self._stands(merged, checkpoint) else 0
+        return 0 if self._go_back_if_costly(merged, checkpoint) else len(merged)
 
     def merge_duplicates(self, changed: set[int], note: Callable[[str], None]) -> None:
         """Until there are no more that involve what has changed."""

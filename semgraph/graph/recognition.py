@@ -11,7 +11,8 @@ from semgraph.constellations.constellation import Constellation, MapIndex, Place
 from semgraph.geometry import Pose2
 from semgraph.graph.drift import sigma_m
 from semgraph.graph.factor_graph import FactorGraph
-from semgraph.graph.loop_closure import Closure, GraphLandmark
+from semgraph.graph.graph_landmark import GraphLandmark
+from semgraph.graph.loop_closure import Closure
 from semgraph.measurement_model import CHI2_3DOF_999
 
 

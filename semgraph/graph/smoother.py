@@ -24,11 +24,11 @@ from semgraph.graph.absence import Look, count_misses
 from semgraph.graph.existence import Tally
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.graph.factors import Sighting
+from semgraph.graph.graph_landmark import GraphLandmark
 from semgraph.graph.graph_log import Sighted
 from semgraph.graph.growing import Ragged
 from semgraph.graph.keyframes import Keyframes
 from semgraph.graph.landmark_registry import LandmarkRegistry
-from semgraph.graph.loop_closure import GraphLandmark
 from semgraph.graph.merging import Merging
 from semgraph.graph.strays import Likeness
 from semgraph.graph.tracks import Track

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from semgraph.arrays import FloatArray
-from semgraph.graph.loop_closure import GraphLandmark
+from semgraph.graph.graph_landmark import GraphLandmark
 from semgraph.landmarks import Perceptions
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
 

@@ -7,7 +7,7 @@ import numpy as np
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.geometry import Pose2
 from semgraph.graph.existence import Tally
-from semgraph.graph.loop_closure import GraphLandmark
+from semgraph.graph.graph_landmark import GraphLandmark
 from semgraph.graph.smoother import SmootherSettings
 from semgraph.landmarks import Kind
 from semgraph.offline.batch import Batch, Belief

@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 
 from semgraph.arrays import BoolArray, FloatArray, IntArray
-from semgraph.graph.loop_closure import GraphLandmark, duplicates
+from semgraph.graph.graph_landmark import GraphLandmark
+from semgraph.graph.loop_closure import duplicates
 from semgraph.graph.smoother import SmootherSettings
 from semgraph.landmarks import Landmark
 from semgraph.offline.batch import Batch, Belief

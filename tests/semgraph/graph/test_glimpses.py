@@ -6,7 +6,8 @@ import pytest
 from semgraph.geometry import Pose2
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.graph.factors import Sighting
-from semgraph.graph.loop_closure import GraphLandmark, find_closures
+from semgraph.graph.graph_landmark import GraphLandmark
+from semgraph.graph.loop_closure import find_closures
 from semgraph.landmarks import Kind
 from tests.semgraph.drives import NOISE, add_scan, drive
 

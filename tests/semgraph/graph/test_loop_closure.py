@@ -11,7 +11,8 @@ from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.graph.association import associate
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.graph.factors import Sighting
-from semgraph.graph.loop_closure import Closure, GraphLandmark, duplicates, find_closures
+from semgraph.graph.graph_landmark import GraphLandmark
+from semgraph.graph.loop_closure import Closure, duplicates, find_closures
 from semgraph.landmarks import Kind, Perceptions, Tree, polar_covariances
 from semgraph.measurement_model import predict
 

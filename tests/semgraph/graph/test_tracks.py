@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from semgraph.graph.loop_closure import GraphLandmark
+from semgraph.graph.graph_landmark import GraphLandmark
 from semgraph.graph.tracks import Track
 from semgraph.landmarks import Kind
 
