@@ -332,6 +332,23 @@ def test_a_scan_that_shows_nothing_lets_nothing_be_forgotten() -> None:
     np.testing.assert_allclose(errors(steps[21:], poses[21:]), 0.0, atol=1e-6)
 
 
+def test_who_was_blind_for_long_matches_nothing_by_chance() -> None:
+    """It stopped when it went blind; each step by itself is as sure as ever, all of them are not."""
+    driven, trees = arc(21, turn=0.08), stand()
+    poses = [*driven, *[driven[-1]] * 30]
+    scans = [
+        replace(seen(0, pose, trees, 20.0), stamp_ns=250_000_000 * k)
+        for k, pose in enumerate(poses)
+    ]
+    for k in range(21, 45):
+        scans[k] = scans[k].select(np.zeros(len(scans[k]), dtype=np.bool_))
+    short = FastSettings.model_validate({"memory_m": 20.0})
+    steps, _ = followed(short, scans)
+    known = {i for step in steps[:21] for i in step.landmark_ids.tolist()}
+    assert known.isdisjoint(steps[45].landmark_ids.tolist())
+    assert (steps[46].landmark_ids == steps[45].landmark_ids).all()
+
+
 def test_one_tree_with_a_name_is_what_it_is() -> None:
     poses, scans = hidden_but(1)
     names = {i: f"tree {i}" for i in range(len(stand()))}
