@@ -354,7 +354,8 @@ class FastEstimator:
 
         It begins at the pose as it is believed, which is where it is by definition.
         """
-        self._driven_m += self._settings.memory_m
+        # And a hair more: what was sighted from this very place is forgotten too.
+        self._driven_m = float(np.nextafter(self._driven_m + self._settings.memory_m, np.inf))
         return UncertainPose2(map_T_base, KNOWN_START)
 
     def _is_by_chance(

@@ -23,6 +23,7 @@ from semgraph.localizer import Localized, Localizer, Start, Use
 from semgraph.moments import Moment, moments
 from semgraph.offline.map_growth import Grown, Stretches
 from semgraph.offline.refining import REPORT_CSV, write_changes
+from semgraph.ordering import InOrder
 from semgraph.perceiving import Perceiver
 from semgraph.progress import Report
 from semgraph.results import RunResult, write_files
@@ -98,9 +99,9 @@ def localize(
     """
     started = time.perf_counter()
     three = _Three(FixedMap.of_landmarks(landmarks), settings, start)
-    imu = YawRateLog()
+    imu, ordered = YawRateLog(), InOrder(recording.measurements)
     tell_first_motion(recording, perceiver, settings.fast)
-    for moment in moments(recording, perceiver, imu):
+    for moment in moments(replace(recording, measurements=ordered), perceiver, imu):
         three.step(moment)
         if stretches is not None:
             found = three.localized[-1]
@@ -119,7 +120,7 @@ def localize(
         fast_seconds=np.array(three.seconds),
         wall_seconds=time.perf_counter() - started,
         num_scans=len(together),
-        events=(*three.localizer.events, *perceiver.events),
+        events=(*three.localizer.events, *perceiver.events, *ordered.events),
         settings=effective_settings,
         imu=imu.yaw_rates(),
     )

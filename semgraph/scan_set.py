@@ -50,10 +50,9 @@ class ScanSet:
         elif scan not in self:
             self._become({*self, scan})
 
-    def discard(self, scan: int) -> None:
-        """Not that one."""
-        if scan in self:
-            self._become({*self} - {scan})
+    def difference_update(self, others: Iterable[int]) -> None:
+        """Not those."""
+        self._become({*self}.difference(others))
 
     def update(self, other: Iterable[int]) -> None:
         """All of both."""

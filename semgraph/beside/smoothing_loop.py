@@ -141,8 +141,10 @@ class _Teller:
             self._tell(Doing())
 
     def doing(self, text: str) -> None:
-        """What is done in the end."""
+        """What is done in the end, after the last scan: what is untold is told before."""
         _end_with_parent()
+        if self._untold is not None:
+            self._tell(self._untold)
         self._tell(Doing(text))
 
     def _tell(self, answer: Taken | Doing) -> None:

@@ -124,7 +124,8 @@ class GraphSolver:
     def show(self, landmarks: Iterable[int]) -> None:
         """With the next update those of these that were glimpsed are in the graph as all others."""
         for landmark in self.windows.glimpsed.intersection(landmarks):
-            if self.take_up(landmark):
+            # Where a window cannot be condensed anew none is, and nothing is glimpsed any more.
+            if landmark in self.windows.glimpsed and self.take_up(landmark):
                 self.isam.insert_landmark(landmark, self.last_read.landmark(landmark))
 
     def take_up(self, glimpsed: int) -> bool:
@@ -353,6 +354,7 @@ class GraphSolver:
             self.part.begin_anew(factorization)
             try:
                 self.isam.update()
+                self._let_go()
                 steps = 0 if self.last_read.is_current else _SETTLING
                 self.isam.linearize_again(steps, everywhere=not self.is_long)
                 self._last_updated = self.last

@@ -174,8 +174,8 @@ class Smoother:
         changed = set[int]()
         handed = self._graph.hand_over_to_neighbours(likenesses, _BETTER_LOG_ODDS)
         for old, _, sighted in handed:
-            for scan in self._keyframes.scans_of(sighted.poses).tolist():
-                landmarks[old].scans.discard(scan)
+            leaving = self._keyframes.scans_of(sighted.poses).tolist()
+            landmarks[old].scans.difference_update(leaving)
         for old, new, sighted in handed:
             self._take_instead(sighted, self._registry.tracks(new)[0].number)
             landmarks[new].scans.update(self._keyframes.scans_of(sighted.poses).tolist())

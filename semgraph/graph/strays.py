@@ -1,5 +1,6 @@
 """Sightings that fit something else, or nothing, once all is known."""
 
+from collections import Counter
 from collections.abc import Hashable, Iterator, Mapping, Set
 from dataclasses import dataclass
 from typing import Final
@@ -60,7 +61,14 @@ def of_neighbours(
                 rows[is_better].tolist(), then[is_better].tolist(), strict=True
             ):
                 found[row] = min(found.get(row, (np.inf, 0)), (misfit2, instead))
-    return {row: instead for row, (_, instead) in found.items()}
+    # Several neighbours together may take what each alone leaves.
+    owners = log.landmarks[list(found)].tolist()
+    lost = Counter(owners)
+    return {
+        row: instead
+        for owner, (row, (_, instead)) in zip(owners, found.items(), strict=True)
+        if 2 * lost[owner] < len(log.rows(owner))
+    }
 
 
 def taken_for_each_other(

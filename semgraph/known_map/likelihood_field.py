@@ -109,7 +109,8 @@ class LikelihoodField:
     ) -> FloatArray:
         """(n,) of poses (n, 3); weights (k, m) as of `PoseLikelihood.log_weights`."""
         tables = [self._table(seen, log_weights[k], k) for k in range(len(seen))]
-        poses = map_T_bases.astype(np.float32)
+        # In 64 bit first: of projected coordinates 32 leave half a metre.
+        poses = (map_T_bases - np.append(self._grid.low, 0.0)).astype(np.float32)
         sums = np.zeros(len(poses), dtype=np.float32)
         for start in range(0, len(poses), _AT_ONCE):
             part = slice(start, start + _AT_ONCE)
@@ -121,8 +122,7 @@ class LikelihoodField:
     ) -> None:
         scale = np.float32(1.0 / self._grid.cell_m)
         c, s = np.cos(poses[:, 2]) * scale, np.sin(poses[:, 2]) * scale
-        x = (poses[:, 0] - np.float32(self._grid.low[0])) * scale
-        y = (poses[:, 1] - np.float32(self._grid.low[1])) * scale
+        x, y = poses[:, 0] * scale, poses[:, 1] * scale
         columns, rows = self._grid.shape
         for k, table in enumerate(tables):
             if table is None:

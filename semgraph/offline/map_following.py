@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray
-from semgraph.geometry import composed_poses, points_from, wrap_angle
+from semgraph.geometry import composed_poses, points_from, relative_poses, wrap_angle
 from semgraph.hypotheses import SLIP_FACTOR, SLIPS
 from semgraph.measurement_model import CHI2_2DOF_999
 from semgraph.offline.batch import Batch, Belief
@@ -221,8 +221,9 @@ def _apart(now: _Hypotheses) -> IntArray:
     order = _probable(now.costs, 3 * _HYPOTHESES)
     poses = now.poses[order]
     variances = np.einsum("kii->ki", now.covariances[order])
-    differences = poses[:, None] - poses
-    differences[..., 2] = wrap_angle(differences[..., 2])
+    n = len(poses)
+    differences = relative_poses(np.repeat(poses, n, axis=0), np.tile(poses, (n, 1)))
+    differences = differences.reshape(n, n, 3)
     is_near = (differences**2 / variances[:, None]).sum(axis=-1) < _ONE_PLACE
     is_left = np.ones(len(order), dtype=np.bool_)
     kept: list[int] = []

@@ -44,7 +44,7 @@ def update_map(
     prior_T_map = locate(prior, PriorMap.of_landmarks(now.landmarks), prior_T_map)
     batch = replace(now.batch, starts=tuple(_lead(each, prior_T_map) for each in now.batch.starts))
     belief = moved(now.belief, prior_T_map)
-    landmarks = tuple(_moved(each, prior_T_map) for each in now.landmarks)
+    landmarks = tuple(moved_landmark(each, prior_T_map) for each in now.landmarks)
     for number in range(1, _MAX_MATCHINGS + 1):
         priors = _priors(prior, landmarks)
         note(f"map matched {number} times, {len(priors)} landmarks in it")
@@ -73,7 +73,8 @@ def _lead(start: UncertainPose2, to_T_from: Pose2) -> UncertainPose2:
     return UncertainPose2(to_T_from @ start.pose, START_COVARIANCE)
 
 
-def _moved(landmark: Landmark, to_T_from: Pose2) -> Landmark:
+def moved_landmark(landmark: Landmark, to_T_from: Pose2) -> Landmark:
+    """The same landmark in another frame."""
     place = to_T_from.transform(landmark.map_t_landmark[None])[0]
     R = rotation(to_T_from.theta)
     return replace(landmark, map_t_landmark=place, covariance=R @ landmark.covariance @ R.T)

@@ -1,7 +1,7 @@
 """Several sessions at one place, laid onto each other by the landmarks that they share."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -11,7 +11,7 @@ from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Landmark
 from semgraph.offline.batch import Batch, Belief
 from semgraph.offline.map_matching import locate, match_maps, moved_map
-from semgraph.offline.map_update import START_COVARIANCE, moved
+from semgraph.offline.map_update import START_COVARIANCE, moved, moved_landmark
 from semgraph.offline.prior_map import PriorMap
 from semgraph.offline.refinement import Refined
 
@@ -61,14 +61,7 @@ def _with(joined: Joined, session: Refined, number: int) -> Joined:
         name[session.landmarks[pairs[row]].id] = joined.landmarks[row].id
     taken = set(pairs[shared].tolist())
     added = [
-        Landmark(
-            name[each.id],
-            each.semantics,
-            map_T_own.transform(each.map_t_landmark[None])[0],
-            each.covariance,
-            each.num_sightings,
-            each.reliability,
-        )
+        replace(moved_landmark(each, map_T_own), id=name[each.id])
         for k, each in enumerate(session.landmarks)
         if k not in taken
     ]

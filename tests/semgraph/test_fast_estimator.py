@@ -333,7 +333,7 @@ def test_a_scan_that_shows_nothing_lets_nothing_be_forgotten() -> None:
 
 
 def test_who_was_blind_for_long_matches_nothing_by_chance() -> None:
-    """It stopped when it went blind; each step by itself is as sure as ever, all of them are not."""
+    """It stopped when it went blind; each step by itself is sure enough, all together are not."""
     driven, trees = arc(21, turn=0.08), stand()
     poses = [*driven, *[driven[-1]] * 30]
     scans = [
@@ -387,3 +387,16 @@ def test_the_defaults_are_the_best_rules_without_forgetting() -> None:
     settings = FastSettings.model_validate({})
     assert settings.rules is Rules.BEST
     assert math.isinf(settings.memory_m)
+
+
+@pytest.mark.parametrize("off_m", [0.05, 0.3])
+def test_a_map_begins_anew_also_where_the_robot_has_not_moved(off_m: float) -> None:
+    """Three trees place no scan, and after 30 s nobody knows where it is."""
+    trees = np.array([[5.0, 0.0], [4.0, 3.0], [2.0, -4.0]])
+    after = trees + off_m * np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    scans = [
+        replace(seen(0, Pose2(), places, 20.0), stamp_ns=30_000_000_000 * k)
+        for k, places in enumerate((trees, after))
+    ]
+    steps, _ = followed(FastSettings.model_validate({"memory_m": 20.0}), scans)
+    assert set(steps[1].landmark_ids.tolist()) == {3, 4, 5}

@@ -3,11 +3,20 @@
 import csv
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from semgraph.cli import main
-from semgraph.localization import QUALITY_COLUMNS
+from semgraph.geometry import Pose2
+from semgraph.landmarks import Landmark, Tree
+from semgraph.localization import QUALITY_COLUMNS, localize
+from semgraph.localizer import start_of
+from semgraph.perceiving import Perceiver
+from semgraph.progress import Silence
 from semgraph.results import read
+from semgraph.settings import load_settings
+from sensors.measurements import Recording
+from tests.semgraph.stands import perceive, stand
 
 COURSE = (
     *("--set", "seed=3", "--set", "track_radius_m=10", "--set", "num_trees=40"),
@@ -85,3 +94,24 @@ def test_what_cannot_be_is_told_in_one_line(
     assert main(["localize", "course:perceptions", *COURSE, *arguments, "--output", "out"]) == 1
     assert reason in capsys.readouterr().err
     assert not Path("out").exists()
+
+
+def test_a_measurement_from_the_past_is_left_out_and_told() -> None:
+    """As `run` does: one stamp that runs backwards costs no whole run."""
+    trees, settings = stand(), load_settings(None, [])
+    poses = [Pose2(20.0 + 0.1 * k, 30.0, 0.0) for k in range(20)]
+    rng = np.random.default_rng(0)
+    stamps_ns = [100_000_000 * (2 if k == 10 else k) for k in range(20)]
+    scans = [
+        perceive(trees, pose, stamp_ns, rng)
+        for stamp_ns, pose in zip(stamps_ns, poses, strict=True)
+    ]
+    recording = Recording("backwards", scans, len(scans))
+    landmarks = tuple(
+        Landmark(k, Tree(), place, 4e-4 * np.eye(2), 5, 1.0)
+        for k, place in enumerate(trees.map_t_landmarks)
+    )
+    start, perceiver = start_of((20.0, 30.0, 0.0), None), Perceiver(recording, settings)
+    found = localize(recording, landmarks, start, settings, perceiver, Silence(), {})
+    assert len(found.run.smoothed) == 19
+    assert any("left out for times that do not run forwards" in each for each in found.run.events)

@@ -310,6 +310,32 @@ def test_a_graph_that_fails_again_and_again_goes_on_by_qr(monkeypatch: pytest.Mo
     assert_same(polished(graph), expected)
 
 
+def test_what_held_firmly_has_its_kernel_also_after_a_failure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Two trees are made one by mistake: firm at first, the kernel then lets its sightings go."""
+
+    def fail(**_: object) -> None:
+        raise UpdateError("indeterminate")
+
+    graphs = [built(drive(3)) for _ in range(2)]
+    for graph in graphs:
+        graph.merge(3, 0)
+    # The one that is built anew is another one, and does not fail.
+    monkeypatch.setattr(graphs[1]._solver.isam, "update", fail)
+    for graph in graphs:
+        graph.update(relinearize=True)
+        graph.settle()
+    assert [len(graph.incidents) for graph in graphs] == [0, 1]
+    assert [num_with_kernel(graph) for graph in graphs] == [32, 32]
+
+
+def num_with_kernel(graph: FactorGraph) -> int:
+    factors = graph._solver.isam._isam.getFactorsUnsafe()
+    there: list[Any] = [factors.at(k) for k in range(factors.size()) if factors.exists(k)]
+    return sum(isinstance(each.noiseModel(), gtsam.noiseModel.Robust) for each in there)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_merging_gives_the_graph_of_the_true_identity(seed: int) -> None:
     """Tracks of random length, merged in random order and direction."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from semgraph.errors import GraphError
 from semgraph.geometry import Pose2
 from semgraph.graph.factor_graph import FactorGraph
 from semgraph.graph.factors import Sighting
@@ -181,3 +182,14 @@ def test_no_loop_closes_with_what_was_glimpsed(graph: FactorGraph) -> None:
     assert find_closures(graph, known, [OLD], -100.0) == []
     graph.landmark_covariance([OLD])
     assert [each.old for each in find_closures(graph, known, [TRIPLET], -100.0)] == [OLD]
+
+
+def test_where_the_first_of_several_cannot_be_condensed_anew_all_are_shown(
+    graph: FactorGraph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise GraphError("singular")
+
+    monkeypatch.setattr(graph._solver, "condense", fail)
+    assert graph.landmark_covariances([OLD, LATER]).shape == (2, 2, 2)
+    assert graph.incidents == ("nothing is condensed any more: singular",)

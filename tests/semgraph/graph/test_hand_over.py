@@ -117,3 +117,27 @@ def test_a_landmark_keeps_its_sightings_where_half_of_them_would_go() -> None:
     wrong = {(k, 2): 1 for k in range(1, 8)} | {(k, 1): -1 for k in range(1, 8)}
     graph = driven(wrong)
     assert all(len(handed) < 5 for _, _, handed in graph.hand_over_to_neighbours(GROUPS, LOG_ODDS))
+
+
+def test_several_neighbours_together_do_not_take_all() -> None:
+    """Three posts about a landmark that one sighting of each was taken for."""
+    rng, nowhere = np.random.default_rng(1), np.array([6.0, 0.0])
+    angles = 2.0 * np.pi * np.arange(3) / 3.0
+    posts = nowhere + 0.3 * np.column_stack([np.cos(angles), np.sin(angles)])
+    # So wide that the landmark stays between the posts.
+    graph, noise = FactorGraph(START), np.diag([0.1, 0.02]) ** 2
+    for name, place in enumerate([*posts, nowhere]):
+        graph.add_landmark(name, place)
+    for k in range(1, 10):
+        here = Pose2(0.1 * k, 0.0, 0.0)
+        step = UncertainPose2(Pose2(0.1, 0.0, 0.0), 1e-6 * np.eye(3))
+        pose = graph.add_pose(step, here)
+        shown = {j: j for j in range(3)} if k <= 6 else {k - 7: 3}
+        for post, name in shown.items():
+            range_m, bearing = predict(here, posts[[post]])[0] + 1e-3 * rng.normal(size=2)
+            graph.add_sighting(Sighting(pose, name, range_m, bearing, noise, name))
+    graph.update()
+    polished(graph)
+    graph.hand_over_to_neighbours(dict.fromkeys(range(4), TREE), 0.0)
+    assert graph.num_sightings(3) == 3
+    assert np.isfinite(polished(graph).landmark_covariances([3])).all()

@@ -133,3 +133,24 @@ def test_no_perceptions_say_nothing_and_no_landmarks_are_no_map() -> None:
     assert (model.log_likelihoods(model.see(nothing), np.zeros((3, 3))) == 0.0).all()
     with pytest.raises(InputError, match="at least one landmark"):
         FixedMap.of_landmarks(())
+
+
+def test_the_field_is_the_same_in_projected_coordinates() -> None:
+    """Of a northing of 5,800 km 32 bit tell half a metre."""
+    trees, far = stand(), Pose2(500_000.0, 5_800_000.0, 0.0)
+    seen = likelihood(trees).see(perceive(trees, POSE, 0, np.random.default_rng(1)))
+    poses = POSE.as_array() + np.random.default_rng(2).normal(0.0, [0.3, 0.3, 0.02], (200, 3))
+    near, moved_there = (
+        LikelihoodField(each).log_likelihoods(
+            seen,
+            at,
+            likelihood(each).log_weights(
+                seen, np.arange(len(seen))[:, None], np.arange(len(each))[None]
+            ),
+        )
+        for each, at in (
+            (trees, poses),
+            (moved(trees, far), poses + far.as_array()),
+        )
+    )
+    assert np.corrcoef(near, moved_there)[0, 1] > 0.999

@@ -14,7 +14,7 @@ from semgraph.graph.smoother import SmootherSettings
 from semgraph.landmarks import concatenate
 from semgraph.offline.batch import Batch, Belief
 from semgraph.offline.batch_graph import BatchGraph
-from semgraph.offline.map_following import followed
+from semgraph.offline.map_following import _apart, _Hypotheses, followed
 from semgraph.offline.resighting import misfit, resighted
 from semgraph.offline.sight_habits import NEVER, SightHabits
 from tests.semgraph.test_hypotheses import FIRSTS, MARKS, START, drive
@@ -132,3 +132,20 @@ def test_what_was_in_sight_is_rather_in_sight_again() -> None:
     assert surprises[0, 0] < surprises[0, 2]
     assert (habits.by_age > 0.0).all()
     assert (habits.by_age < 1.0).all()
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.5 * np.pi, -3.0])
+def test_hypotheses_are_of_one_place_by_their_own_sigmas(heading: float) -> None:
+    """Unsure along, sure across: wherever that is in the map."""
+    covariances = np.tile(np.diag([1.0, 0.01, 0.001]), (2, 1, 1))
+    first = Pose2(3.0, -2.0, heading)
+
+    def num_places(off: Pose2) -> int:
+        poses = np.array([first.as_array(), (first @ off).as_array()])
+        nothing = np.zeros((2, 0), dtype=np.int64)
+        costs, parents = np.array([0.0, 1.0]), np.zeros(2, dtype=np.int64)
+        return len(_apart(_Hypotheses(poses, covariances, costs, parents, nothing, nothing)))
+
+    assert num_places(Pose2(0.3, 0.0, 0.0)) == 1
+    assert num_places(Pose2(0.0, 0.3, 0.0)) == 2
+    assert num_places(Pose2(0.0, 0.0, 0.1)) == 2
