@@ -143,7 +143,9 @@ class FastEstimator:
         motion = odometry or self._movement.expected(perceptions.stamp_ns)
         map_T_proposed = self._map_T_last @ motion
         if not self._is_lost(motion):
-            return motion, map_T_proposed, False
+            # Each motion by itself may be sure enough, and all since anything was seen not.
+            is_guess = len(perceptions) > 0 and self._is_lost(self._moved_unseen @ motion)
+            return motion, map_T_proposed, is_guess
         # Wheels that measured a motion say where it led, however unsurely.
         map_T_last = self._map_T_last if odometry is None else map_T_proposed
         placed = self._find_itself(perceptions, map_T_last.pose, map_T_proposed)
@@ -311,12 +313,8 @@ class FastEstimator:
         return bool((is_beside & (mahalanobis2(offsets, covariances) > CHI2_2DOF_999)).all())
 
     def _is_lost(self, motion: UncertainPose2) -> bool:
-        """Whether what is within the radius after a motion is so by chance, so unsure is it.
-
-        With all motions since anything was seen.
-        """
-        moved = self._moved_unseen @ motion
-        sigma_m = float(np.sqrt(np.linalg.eigvalsh(moved.covariance[:2, :2])[-1]))
+        """Whether the motion is so unsure that what is within the radius is so by chance."""
+        sigma_m = float(np.sqrt(np.linalg.eigvalsh(motion.covariance[:2, :2])[-1]))
         return not self._is_paper and sigma_m > _LOST_RADII * self._settings.search_radius_m
 
     def _find_itself(

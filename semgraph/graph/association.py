@@ -32,6 +32,7 @@ def associate(
     allowed: BoolArray,
     density: float,
     same_place: FloatArray,
+    ahead_by: float = 0.0,
 ) -> tuple[Pair, ...]:
     """The most probable pairs of landmarks in sight and landmarks of the map.
 
@@ -42,6 +43,9 @@ def associate(
         density: of landmarks, per m2: how easily an unknown one stands there by chance.
         same_place: (a, b) m2 > 0 how far the centres of one object seen from two sides may differ,
             a variance along each axis.
+        ahead_by: the share of the log odds by which a pair's set must be ahead of what contradicts
+            it. Trees in rows fit nearly as well one tree farther on: by how much less is the
+            matter of where the rows end.
 
     Each pair adds ln N(difference; 0, S) - ln density, S given all pairs before it: by the chain
     rule the sum is the joint log likelihood ratio. Source: Neira and Tardos 2001 for joint
@@ -57,9 +61,11 @@ def associate(
     grown = [_grow(space, tuple(candidates[k]), allowed, density) for k in order.tolist()]
     grown.sort(key=lambda hypothesis: -hypothesis[1])
     pairs, log_odds = grown[0]
+    margins = ((pair, log_odds - _rival(pair, grown)) for pair in pairs)
     return tuple(
-        Pair(*pair, min(_support(space, pairs, pair, density), log_odds - _rival(pair, grown)))
-        for pair in pairs
+        Pair(*pair, min(_support(space, pairs, pair, density), margin))
+        for pair, margin in margins
+        if margin >= ahead_by * log_odds
     )
 
 

@@ -19,6 +19,8 @@ _LEAST_REACH_M: Final = 2.0
 _DUPLICATES_WITHIN_M: Final = 3.0
 _SURROUNDINGS_M: Final = 20.0
 _BATCH: Final = 120
+# Of what a set that closes a gap says, the best that contradicts it says less than half.
+_AHEAD_BY: Final = 0.5
 # How many of a place's landmarks escaped notice at the first pass.
 _UNMAPPED: Final = 0.1
 
@@ -89,7 +91,8 @@ def closures_across(
     pairs = _pairs(
         landmarks, estimate, recent, list(estimate), lambda old: np.full(len(old), reach_m)
     )
-    return _closures(landmarks, estimate, pairs, graph.landmark_covariance, least_log_odds)
+    covariance = graph.landmark_covariance
+    return _closures(landmarks, estimate, pairs, covariance, least_log_odds, _AHEAD_BY)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,6 +135,7 @@ def _closures(
     pairs: _Pairs,
     covariance: Callable[[list[int]], FloatArray],
     least_log_odds: float,
+    ahead_by: float = 0.0,
 ) -> list[Closure]:
     """The pairs that are sure enough; `covariance` gives the joint one of landmarks."""
     pairs = pairs.possible()
@@ -149,6 +153,7 @@ def _closures(
         pairs.allowed,
         _density(estimate, recent),
         outlines2[0][:, None] + outlines2[1][None, :],
+        ahead_by,
     )
     return [
         Closure(recent[pair.recent], old[pair.old], pair.log_odds)

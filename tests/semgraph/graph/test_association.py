@@ -34,9 +34,10 @@ def associate(
     allowed: BoolArray,
     density: float,
     same_place: float = SAME_PLACE,
+    ahead_by: float = 0.0,
 ) -> tuple[Pair, ...]:
     return association.associate(
-        differences, covariance, allowed, density, np.full(allowed.shape, same_place)
+        differences, covariance, allowed, density, np.full(allowed.shape, same_place), ahead_by
     )
 
 
@@ -150,6 +151,17 @@ def test_a_row_shifted_by_one_spacing_leaves_it_open() -> None:
     recent = np.array([[-1.0, 0.0], [1.0, 0.0]])
     result = associate(*drifted(recent, old, 3.0), everything(2, 13), DENSITY)
     assert max((pair.log_odds for pair in result), default=0.0) < np.log(100.0)
+
+
+@pytest.mark.parametrize("is_even", [False, True])
+def test_where_rows_end_settles_nothing_that_must_be_far_ahead(*, is_even: bool) -> None:
+    """A drift of one spacing, and five trees of which four fit one tree farther on."""
+    along = 2.0 * np.arange(5) if is_even else np.array([0.0, 2.3, 3.1, 6.6, 8.0])
+    old = np.column_stack([along, np.zeros(5)])
+    drifted_m = drifted(old + np.array([0.9, 0.0]), old, 1.5)
+    sure = pairs_of(associate(*drifted_m, everything(5, 5), DENSITY, ahead_by=0.5))
+    assert len(associate(*drifted_m, everything(5, 5), DENSITY)) == 5
+    assert sure == (set() if is_even else {(k, k) for k in range(5)})
 
 
 def test_a_landmark_off_the_row_settles_it() -> None:

@@ -16,6 +16,7 @@ from semgraph.landmarks import Kind
 from semgraph.perceiving import Perceiver
 from semgraph.pipeline import run
 from semgraph.progress import Silence
+from semgraph.results import RunResult
 from semgraph.settings import load_settings
 from sensors.catalog import open_source
 from sensors.truth import Source
@@ -66,17 +67,28 @@ def test_a_run_that_was_blind_twice_is_as_good_as_who_knows_all(seed: int, rate_
 
     At 4 and 10 Hz the tracker took one tree for another, each step by itself being sure enough.
     """
-    options = {"seed": seed, "scan_rate_hz": rate_hz, **BLIND}
-    source = open_source("course:perceptions", options)
-    settings = load_settings(None, [])
-    perceiver = Perceiver(source.recording, settings)
-    result = run(source.recording, settings, perceiver, Silence(), {})
-    associations = source.truth.associations
-    assert associations is not None
-    assert num_mixed(associations, result) == 0
-    best_m = path_rmse_m(oracle(source, settings).trajectory, source)
+    source, result = ran({"seed": seed, "scan_rate_hz": rate_hz})
+    best_m = path_rmse_m(oracle(source, load_settings(None, [])).trajectory, source)
     assert path_rmse_m(result.smoothed, source) <= 1.3 * best_m
     assert {each.semantics.kind for each in result.landmarks} == {Kind.TREE}
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_who_was_blind_in_an_orchard_takes_no_tree_for_the_next_one(seed: int) -> None:
+    """All fits one tree farther on, or turned: 13 m off, and sure of it. Now it stays open."""
+    source, result = ran({"seed": seed, "scan_rate_hz": 4.0, "rows": True})
+    assert path_rmse_m(result.smoothed, source) < 1.0
+
+
+def ran(options: dict[str, float]) -> tuple[Source, RunResult]:
+    """Of a run in which nothing was taken for something else."""
+    source = open_source("course:perceptions", {**options, **BLIND})
+    settings, associations = load_settings(None, []), source.truth.associations
+    perceiver = Perceiver(source.recording, settings)
+    result = run(source.recording, settings, perceiver, Silence(), {})
+    assert associations is not None
+    assert num_mixed(associations, result) == 0
+    return source, result
 
 
 def path_rmse_m(trajectory: Trajectory, source: Source) -> float:

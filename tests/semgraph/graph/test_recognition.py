@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from evaluation.metrics import judge
+from semgraph.constellations.constellation import Placement
+from semgraph.geometry import Pose2, UncertainPose2
+from semgraph.graph.recognition import _unlike_others
 from semgraph.perceiving import Perceiver
 from semgraph.pipeline import run
 from semgraph.progress import Silence
@@ -39,3 +42,19 @@ def test_a_robot_that_drove_on_unseen_finds_itself(seed: int) -> None:
     assert figures["trajectory_rmse_m"] < 0.1
     assert figures["landmarks_duplicate"] == 0
     assert figures["num_loop_closures"] > 5
+
+
+def placed(num_pairs: int) -> Placement:
+    rows = np.arange(num_pairs)
+    return Placement(UncertainPose2(Pose2(), np.eye(3)), rows, rows, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("num_pairs", "is_found"),
+    [((), False), ((20,), True), ((20, 16), False), ((20, 8), True), ((4, 3), False)],
+)
+def test_what_fits_somewhere_else_as_well_is_nowhere(
+    num_pairs: tuple[int, ...], *, is_found: bool
+) -> None:
+    placements = tuple(map(placed, num_pairs))
+    assert (_unlike_others(placements) is not None) == is_found
