@@ -24,6 +24,8 @@ _LEAST_RANGE_M: Final = 1e-3
 _HELD_M: Final = 0.01
 _HELD_RAD: Final = 0.001
 _LEAST_RELIABILITY: Final = 0.05
+# A determinant that is this share of the diagonal's product is positive however it is rounded.
+_SURELY: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +112,9 @@ def check_sighting(sighting: Sighting) -> None:
     if _is_surely_definite(sighting.covariance):
         return
     covariance = frozen_covariance("sighting covariance", sighting.covariance, 2)
-    check_definite(f"sighting of landmark {sighting.landmark}", covariance)
+    # As the log keeps it: what is nearly singular may be so no more in 32 bit.
+    kept = covariance.astype(np.float32).astype(np.float64)
+    check_definite(f"sighting of landmark {sighting.landmark}", kept)
 
 
 def _is_surely_definite(covariance: FloatArray) -> bool:
@@ -119,11 +123,22 @@ def _is_surely_definite(covariance: FloatArray) -> bool:
         return False
     (a, b), (c, d) = covariance.tolist()
     is_sound = 0.0 < a < np.inf and 0.0 < d < np.inf and b == c
-    return bool(is_sound and a * d - b * b > 1e-9 * a * d)
+    return bool(is_sound and a * d - b * b > _SURELY * a * d)
+
+
+def _is_surely_definite_pose(covariance: FloatArray) -> bool:
+    """The same of a (3, 3)."""
+    (a, b, c), (_, d, e), (_, _, f) = covariance.tolist()
+    is_sound = 0.0 < a < np.inf and 0.0 < d < np.inf and 0.0 < f < np.inf
+    minor = a * d - b * b
+    determinant = minor * f - a * e * e - d * c * c + 2.0 * b * c * e
+    return bool(is_sound and minor > _SURELY * a * d and determinant > _SURELY * a * d * f)
 
 
 def check_definite(name: str, covariance: FloatArray) -> None:
     """Raises GraphError where a covariance is not positive definite."""
+    if len(covariance) == 3 and _is_surely_definite_pose(covariance):
+        return
     try:
         np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:

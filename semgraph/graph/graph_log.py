@@ -1,6 +1,7 @@
 """All that was ever added to a graph, as numbers: what it is built from again when it must be."""
 
 from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -103,7 +104,7 @@ class GraphLog:
         """(m,)."""
         return self._common_shares.rows
 
-    def motion_covariances(self, poses: IntArray | slice) -> FloatArray:
+    def motion_covariances(self, poses: IntArray | Sequence[int] | slice) -> FloatArray:
         """(k, 3, 3) of the motions to some poses."""
         covariances: FloatArray = self._motion_triangles.rows[poses][:, _OF_TRIANGLE]
         return covariances

@@ -85,7 +85,7 @@ class GraphSolver:
         index = self.log.add_motion(motion)
         self.last_read.add_pose(guess)
         self.isam.insert_pose(index, guess)
-        self.part.add_motion(index)
+        self.part.add_motions([index])
         return index
 
     def add_landmark(self, landmark: int, guess: FloatArray) -> None:

@@ -1,7 +1,7 @@
 """What of the log is in iSAM2, and where: all that does not rest, with what is condensed of it."""
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple, final
 
 import numpy as np
@@ -65,11 +65,13 @@ class SolvedPart:
         self.now = InIsam(Incremental(factorization or self.now.isam.factorization), AllSlots())
         self._add_all()
 
-    def add_motion(self, pose: int) -> None:
-        """With the next update the motion to a pose is in the graph."""
-        (covariance,) = self._log.motion_covariances(np.array([pose]))
-        factor = motion_factor(pose - 1, pose, self._log.motions[pose], covariance)
-        self.now.isam.add(factor, self.now.slots.motions, pose)
+    def add_motions(self, poses: Sequence[int]) -> None:
+        """With the next update the motions to these poses are in the graph."""
+        motions = self._log.motions[poses]
+        covariances = self._log.motion_covariances(poses)
+        for pose, motion, covariance in zip(poses, motions, covariances, strict=True):
+            factor = motion_factor(pose - 1, pose, motion, covariance)
+            self.now.isam.add(factor, self.now.slots.motions, pose)
 
     def add_sighting(self, row: int, sighting: Sighting) -> None:
         """With the next update this row of the log is."""
@@ -143,9 +145,7 @@ class SolvedPart:
         """All that does not rest, with the last good value of each."""
         self._add_holds()
         live = range(max(self._resting.since, 0), self._log.num_poses)
-        for pose in live[1:]:
-            if self._windows.of_motion(pose) == NONE:
-                self.add_motion(pose)
+        self.add_motions([pose for pose in live[1:] if self._windows.of_motion(pose) == NONE])
         for row in self.live(self._rows()):
             self.add_sighting(row, self._log.sighting(row))
         self._windows.changed.update(self._resting.numbers())

@@ -58,8 +58,11 @@ class Track:
 
     @property
     def is_due(self) -> bool:
-        """Whether there is so much new evidence that looking for older selves may pay."""
-        return self.known.num_sightings > 1.3 * self.tested
+        """Whether there is so much new evidence that looking for older selves may pay.
+
+        Of what has an identity there are none: whenever that is read it is the same landmark.
+        """
+        return not self.known.identity and self.known.num_sightings > 1.3 * self.tested
 
     def sight(self, scan: int, perceptions: Perceptions, row: int) -> None:
         """It is sighted in its place; of a gap before that only half a second counts as stayed."""
