@@ -1,5 +1,6 @@
 """Covariances of a graph's variables: by iSAM2's cliques, or by the whole matrix factored."""
 
+import itertools
 from collections.abc import Sequence
 from typing import Final, final
 
@@ -48,18 +49,25 @@ class Covariances:
 
     def marginals(self, keys: Sequence[int], size: int) -> FloatArray:
         """(n, size, size) of each variable alone."""
+        if len(keys) > AT_ONCE:
+            try:
+                information, columns = self.information()
+                return information.marginals(np.array([columns[key] for key in keys]))
+            except GraphError as error:
+                self._incidents.append(f"covariances by iSAM2: {error}")
         return marginals(self.joint, keys, size)
 
     def chain(self, keys: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """(n, 3, 3) of poses, and of each with the next one, 0 after the last."""
-        covariances, crosses = (np.zeros((len(keys), 3, 3)) for _ in range(2))
-        for start in range(0, len(keys), AT_ONCE):
-            some = keys[start : start + AT_ONCE + 1]
-            joint = self.joint(some).reshape(len(some), 3, len(some), 3)
-            each = np.arange(len(some))
-            covariances[start : start + len(some)] = joint[each, :, each, :]
-            crosses[start : start + len(some) - 1] = joint[each[:-1], :, each[1:], :]
-        return covariances, crosses
+        try:
+            information, columns = self.information()
+            return information.chain(np.array([columns[key] for key in keys]))
+        except GraphError as error:
+            self._incidents.append(f"covariances by iSAM2: {error}")
+        crosses = np.zeros((len(keys), 3, 3))
+        for row, pair in enumerate(itertools.pairwise(keys)):
+            crosses[row] = self.joint(pair)[:3, 3:]
+        return self.marginals(keys, 3), crosses
 
     def _is_dense(self) -> bool:
         return (

@@ -1,6 +1,6 @@
 """What the graph is made of: odometry and sightings, as values and as GTSAM's factors."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Self
 
@@ -186,18 +186,26 @@ def sighting_factor(sighting: Sighting, *, is_firm: bool = False) -> gtsam.Beari
         sighting: that passed `check_sighting`.
         is_firm: without the robust kernel, however far off it is.
     """
-    noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(
-        sighting.covariance[::-1, ::-1]
+    polar = (sighting.range_m, sighting.bearing)
+    return polar_factor(
+        sighting.pose, sighting.landmark, polar, sighting.covariance, is_firm=is_firm
     )
+
+
+def polar_factor(
+    pose: int,
+    landmark: int,
+    polar: Sequence[float],
+    covariance: FloatArray,
+    *,
+    is_firm: bool = False,
+) -> gtsam.BearingRangeFactor2D:
+    """The same of range and bearing and their (2, 2) covariance, both checked before."""
+    noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(covariance[::-1, ::-1])
     if not is_firm:
         noise = gtsam.noiseModel.Robust.Create(_KERNEL, noise)
-    return gtsam.BearingRangeFactor2D(
-        X(sighting.pose),
-        L(sighting.landmark),
-        gtsam.Rot2(sighting.bearing),
-        sighting.range_m,
-        noise,
-    )
+    range_m, bearing = polar
+    return gtsam.BearingRangeFactor2D(X(pose), L(landmark), gtsam.Rot2(bearing), range_m, noise)
 
 
 def to_gtsam(pose: Pose2) -> gtsam.Pose2:

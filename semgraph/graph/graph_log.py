@@ -109,15 +109,15 @@ class GraphLog:
         covariances: FloatArray = self._motion_triangles.rows[poses][:, _OF_TRIANGLE]
         return covariances
 
-    def polar(self, rows: IntArray) -> FloatArray:
+    def polar(self, rows: IntArray | Sequence[int]) -> FloatArray:
         """(k, 2) range and bearing of some sightings."""
         return self._polar.rows[rows].astype(np.float64)
 
-    def diameters(self, rows: IntArray) -> FloatArray:
+    def diameters(self, rows: IntArray | Sequence[int]) -> FloatArray:
         """(k, 2) m of some sightings, and their sigmas; NaN for none."""
         return self._diameters.rows[rows].astype(np.float64)
 
-    def covariances(self, rows: IntArray) -> FloatArray:
+    def covariances(self, rows: IntArray | Sequence[int]) -> FloatArray:
         """(k, 2, 2) of some sightings."""
         return self._covariances.rows[rows][:, [[0, 1], [1, 2]]].astype(np.float64)
 

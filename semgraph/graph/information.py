@@ -10,6 +10,7 @@ from scipy.sparse.linalg import splu
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import GraphError
+from semgraph.graph.selected_inverse import selected_inverse
 
 # So many are asked for together.
 AT_ONCE: Final = 40
@@ -108,6 +109,40 @@ class Information:
         unit = _unit(len(self._scale), columns)
         return _definite(self._factors.solve(unit)[columns], self._scale[columns])
 
+    def marginals(self, columns: IntArray) -> FloatArray:
+        """(k, d, d) covariance of each variable alone, by their columns (k, d).
+
+        Raises:
+            GraphError: not positive definite, which rounding makes of what is nearly singular.
+        """
+        (covariances,) = self._blocks(columns, (columns,))
+        return covariances
+
+    def chain(self, columns: IntArray) -> tuple[FloatArray, FloatArray]:
+        """The same, and of each variable with the next one, 0 after the last.
+
+        Raises:
+            GraphError: not positive definite, which rounding makes of what is nearly singular.
+        """
+        covariances, crosses = self._blocks(columns, (columns, np.roll(columns, -1, axis=0)))
+        crosses[-1:] = 0.0
+        return covariances, crosses
+
+    def _blocks(self, columns: IntArray, others: Sequence[IntArray]) -> list[FloatArray]:
+        """(k, d, d) covariance of each variable with each of others, itself the first."""
+        pairs = [np.broadcast_arrays(columns[:, :, None], other[:, None, :]) for other in others]
+        rows, along = (
+            np.concatenate([each.ravel() for each in side]) for side in zip(*pairs, strict=True)
+        )
+        place = self._factors.perm_c.astype(np.int64)
+        scaled = selected_inverse(
+            csc_matrix(self._factors.L), self._factors.U.diagonal(), place[rows], place[along]
+        )
+        elements = scaled * self._scale[rows] * self._scale[along]
+        blocks = np.split(elements, len(others))
+        shaped = [block.reshape(pairs[0][0].shape) for block in blocks]
+        return [_checked(shaped[0]), *shaped[1:]]
+
     def solve(self, right: FloatArray) -> FloatArray:
         """(n, k) the covariance times (n, k)."""
         scale = self._scale[:, None]
@@ -129,12 +164,16 @@ def _unit(size: int, columns: IntArray) -> FloatArray:
     return unit
 
 
-def _definite(scaled: FloatArray, scale: FloatArray) -> FloatArray:
-    """(k, k) in its units and symmetric."""
-    joint = scale[:, None] * scaled * scale
-    covariance: FloatArray = 0.5 * (joint + joint.T)
+def _checked(covariances: FloatArray) -> FloatArray:
+    """(..., d, d) the same, symmetric."""
+    symmetric: FloatArray = 0.5 * (covariances + covariances.swapaxes(-1, -2))
     try:
-        np.linalg.cholesky(covariance)
+        np.linalg.cholesky(symmetric)
     except np.linalg.LinAlgError:
         raise GraphError("no covariance: the graph is nearly singular") from None
-    return covariance
+    return symmetric
+
+
+def _definite(scaled: FloatArray, scale: FloatArray) -> FloatArray:
+    """(k, k) in its units and symmetric."""
+    return _checked(scale[:, None] * scaled * scale)

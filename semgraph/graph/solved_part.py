@@ -13,6 +13,7 @@ from semgraph.graph.factors import (
     condensed_factor,
     hold_factors,
     motion_factor,
+    polar_factor,
     sighting_factor,
 )
 from semgraph.graph.graph_log import GraphLog
@@ -78,6 +79,21 @@ class SolvedPart:
         factor = sighting_factor(sighting, is_firm=row in self._firm)
         self.now.isam.add(factor, self.now.slots.sightings, row)
 
+    def _add_logged(self, rows: Sequence[int]) -> None:
+        """With the next update these rows are, as the log has them."""
+        log, firm = self._log, set(self._firm)
+        sightings = zip(
+            rows,
+            log.poses[rows].tolist(),
+            log.landmarks[rows].tolist(),
+            log.polar(rows).tolist(),
+            log.covariances(rows),
+            strict=True,
+        )
+        for row, pose, landmark, polar, covariance in sightings:
+            factor = polar_factor(pose, landmark, polar, covariance, is_firm=row in firm)
+            self.now.isam.add(factor, self.now.slots.sightings, row)
+
     def live(self, rows: IntArray) -> list[int]:
         """The sightings that are factors of their own."""
         poses = self._log.poses[rows]
@@ -105,9 +121,9 @@ class SolvedPart:
 
     def renew(self, rows: Iterable[int]) -> None:
         """With the next update these sightings are in there as the log has them now."""
-        for row in rows:
-            self.take_out([row])
-            self.add_sighting(row, self._log.sighting(row))
+        rows = list(rows)
+        self.take_out(rows)
+        self._add_logged(rows)
 
     def add_windows(self) -> None:
         """Those that are new or changed."""
@@ -146,8 +162,7 @@ class SolvedPart:
         self._add_holds()
         live = range(max(self._resting.since, 0), self._log.num_poses)
         self.add_motions([pose for pose in live[1:] if self._windows.of_motion(pose) == NONE])
-        for row in self.live(self._rows()):
-            self.add_sighting(row, self._log.sighting(row))
+        self._add_logged(self.live(self._rows()))
         self._windows.changed.update(self._resting.numbers())
         self.add_windows()
         ends = () if self._resting.awake is None else self._resting.ends()

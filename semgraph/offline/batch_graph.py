@@ -26,7 +26,7 @@ from semgraph.graph.factors import (
     to_gtsam,
     whitened,
 )
-from semgraph.graph.information import Information, marginals
+from semgraph.graph.information import Information
 from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
 from semgraph.offline.batch import Batch, Belief, Prior
 from semgraph.offline.pose_chains import fill, links
@@ -133,12 +133,12 @@ class BatchGraph:
     def landmark_covariances(self, landmarks: Sequence[int]) -> FloatArray:
         """(n, 2, 2) marginal covariance of each landmark, in map; with errors in common."""
         keys = [L(landmark) for landmark in landmarks]
-        return marginals(self._joint, keys, 2) + self._added(keys, 2)
+        return self._marginals(keys, 2) + self._added(keys, 2)
 
     def pose_covariances(self) -> FloatArray:
         """(n, 3, 3) of the poses in the graph, each in its own frame; with errors in common."""
         keys = [X(link.end) for link in self._links]
-        return marginals(self._joint, keys, 3) + self._added(keys, 3)
+        return self._marginals(keys, 3) + self._added(keys, 3)
 
     def _ordered(self) -> gtsam.Ordering:
         """Dissecting the loops of a drive leaves a third less to do than COLAMD.
@@ -217,6 +217,10 @@ class BatchGraph:
     def _joint(self, keys: Sequence[int]) -> FloatArray:
         columns = np.concatenate([self._columns_of(key) for key in keys])
         return self._information().covariance(columns)
+
+    def _marginals(self, keys: Sequence[int], size: int) -> FloatArray:
+        columns = [self._columns_of(key) for key in keys]
+        return self._information().marginals(np.array(columns, dtype=np.int64).reshape(-1, size))
 
     def _added(self, keys: Sequence[int], size: int) -> FloatArray:
         """(n, size, size) that errors in common add to each variable."""

@@ -134,17 +134,20 @@ def _moved(
     """What is gone and stands anew nearby: rows of the prior map and of `free` landmarks."""
     if not len(gone) or not len(free):
         return {}
+    from scipy.spatial import KDTree
+
     new = PriorMap.of_landmarks([landmarks[k] for k in free.tolist()])
-    apart_m = np.linalg.norm(
-        prior.map_t_landmarks[gone][:, None] - new.map_t_landmarks[None], axis=2
-    )
-    apart_m = np.where(prior.kinds[gone][:, None] == new.kinds[None], apart_m, np.inf)
-    nearest, back = apart_m.argmin(axis=1), apart_m.argmin(axis=0)
-    return {
-        int(gone[k]): int(free[nearest[k]])
-        for k in range(len(gone))
-        if back[nearest[k]] == k and apart_m[k, nearest[k]] <= _MOVED_WITHIN_M
-    }
+    moved = dict[int, int]()
+    for kind in np.intersect1d(prior.kinds[gone], new.kinds).tolist():
+        old, anew = gone[prior.kinds[gone] == kind], np.flatnonzero(new.kinds == kind)
+        trees = KDTree(prior.map_t_landmarks[old]), KDTree(new.map_t_landmarks[anew])
+        apart_m, nearest = trees[1].query(trees[0].data)
+        _, back = trees[0].query(trees[1].data)
+        is_moved = (back[nearest] == np.arange(len(old))) & (apart_m <= _MOVED_WITHIN_M)
+        moved |= dict(
+            zip(old[is_moved].tolist(), free[anew[nearest[is_moved]]].tolist(), strict=True)
+        )
+    return moved
 
 
 def _kept(prior: PriorMap, row: int, landmark: Landmark, fate: Fate = Fate.KEPT) -> Change:

@@ -1,7 +1,7 @@
 """What a batch's looks say of places where nothing was found: how often it was looked in vain."""
 
 from dataclasses import dataclass
-from typing import Final, final
+from typing import TYPE_CHECKING, Final, final
 
 import numpy as np
 
@@ -10,6 +10,9 @@ from semgraph.geometry import Pose2, relative_poses
 from semgraph.graph.existence import Tally
 from semgraph.offline.batch import Batch, Belief
 from sensors.views import View
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
 
 # Two looks from places nearer than this are one look.
 _APART_M: Final = 0.3
@@ -23,6 +26,8 @@ _TAKEN_M: Final = 0.5
 _CLUTTER: Final = 0.05
 # No look is surer than this to show what is there.
 _SURE: Final = 0.99
+# What lies on a circle's edge is rounded in or out of it.
+_A_LITTLE_MORE: Final = 1.000001
 # A place known to a sigma is looked at in so many points about it, in sigmas.
 _RADII: Final = np.array([0.0, *[0.8] * 6, *[1.7] * 8])
 _TURNS: Final = np.array([0.0, *np.arange(6) / 6.0, *(np.arange(8) + 0.5) / 8.0])
@@ -84,8 +89,9 @@ class MapLooks:
         about = map_t_places[:, None] + np.einsum("kij,pj->kpi", spread, unit)
         flat, wide = about.reshape(-1, 2), np.repeat(diameters_m, points)
         in_vain, counts = np.zeros(len(flat)), np.zeros(len(flat))
+        things = _Things.at(flat, wide)
         for scan in self._scans.tolist():
-            seen = self._shows(scan, flat, wide)
+            seen = self._shown(scan, things)
             rates = self._rates[self._bands(scan, flat[seen])]
             in_vain[seen] += np.minimum(np.log((1.0 - rates) / (1.0 - _CLUTTER)), 0.0)
             counts[seen] += 1.0
@@ -111,24 +117,23 @@ class MapLooks:
         starts, ends = (
             np.searchsorted(self._batch.scans, self._scans, side) for side in ("left", "right")
         )
+        things = _Things.at(self._places, diameters_m)
         for scan, start, end in zip(self._scans.tolist(), starts, ends, strict=True):
-            shown = np.flatnonzero(self._shows(scan, self._places, diameters_m))
+            shown = self._shown(scan, things)
             hits = np.isin(there[shown], self._belief.landmarks[start:end])
             for band, is_hit in zip(self._bands(scan, self._places[shown]), hits, strict=True):
                 tallies[band].count(is_hit=bool(is_hit))
         return np.minimum([tally.rate() for tally in tallies], _SURE)
 
-    def _shows(self, scan: int, map_t_places: FloatArray, diameters_m: FloatArray) -> BoolArray:
-        """(n,) whether a thing at each place had to show in this scan."""
+    def _shown(self, scan: int, things: "_Things") -> IntArray:
+        """Which things, ascending, had to show in this scan."""
         pose = Pose2.from_array(self._belief.map_T_bases[scan])
-        shown = self._field.holds(pose, map_t_places)
-        rows = np.flatnonzero(shown)
+        rows = things.within(pose, self._field.range_m)
+        rows = rows[self._field.holds(pose, things.map_t_places[rows])]
         if self._views:
-            where = (pose, map_t_places[rows], diameters_m[rows])
-            shown[rows] = np.any([view.sees(*where) for view in self._views[scan]], axis=0)
-        elif len(rows):
-            shown[rows] = self._has_neighbour(scan, map_t_places[rows])
-        return shown
+            where = (pose, things.map_t_places[rows], things.diameters_m[rows])
+            return rows[np.any([view.sees(*where) for view in self._views[scan]], axis=0)]
+        return rows[self._has_neighbour(scan, things.map_t_places[rows])]
 
     def _has_neighbour(self, scan: int, map_t_places: FloatArray) -> BoolArray:
         """(n,) whether something near each place was sighted, so that it was looked there."""
@@ -144,6 +149,28 @@ class MapLooks:
         distances_m = np.hypot(apart[:, 0], apart[:, 1])
         bands = (distances_m / self._band_m).astype(np.int64)
         return np.minimum(bands, _NUM_BANDS - 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Things:
+    """Some things, to be found by where they are: a scan shows few of all there are."""
+
+    map_t_places: FloatArray
+    diameters_m: FloatArray
+    tree: "KDTree"
+
+    @classmethod
+    def at(cls, map_t_places: FloatArray, diameters_m: FloatArray) -> "_Things":
+        """Things (n, 2) m of such diameters (n,) m."""
+        from scipy.spatial import KDTree
+
+        return cls(map_t_places, diameters_m, KDTree(map_t_places.reshape(-1, 2)))
+
+    def within(self, map_T_base: Pose2, range_m: float) -> IntArray:
+        """Which of them, ascending, lie not farther than that, or hardly."""
+        here = (map_T_base.x, map_T_base.y)
+        near = self.tree.query_ball_point(here, range_m * _A_LITTLE_MORE, return_sorted=True)
+        return np.array(near, dtype=np.int64)
 
 
 @dataclass(frozen=True, slots=True)

@@ -121,10 +121,12 @@ def without_strays(landmarks: IntArray, least: int = 2) -> IntArray:
 def with_places(batch: Batch, belief: Belief, landmarks: IntArray) -> Belief:
     """The belief with perceptions taken for other landmarks; new ones lie where they are seen."""
     places: dict[int, FloatArray] = dict(belief.map_t_landmarks)
-    new = np.setdiff1d(landmarks[landmarks >= 0], list(places))
-    seen = batch.map_t_seen(belief.map_T_bases) if len(new) else np.zeros((0, 2))
-    for landmark in new.tolist():
-        places[landmark] = np.median(seen[landmarks == landmark], axis=0)
+    rows = np.flatnonzero((landmarks >= 0) & ~np.isin(landmarks, list(places)))
+    rows = rows[np.argsort(landmarks[rows], kind="stable")]
+    seen = batch.map_t_seen(belief.map_T_bases)[rows]
+    new, starts = np.unique(landmarks[rows], return_index=True)
+    for landmark, of_it in zip(new.tolist(), np.split(seen, starts[1:])[: len(new)], strict=True):
+        places[landmark] = np.median(of_it, axis=0)
     known: Mapping[int, FloatArray] = places
     return Belief(belief.map_T_bases, belief.landmarks, known, belief.priors).taken_for(landmarks)
 
