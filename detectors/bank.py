@@ -10,7 +10,8 @@ from typing import Any, Final, final
 
 from detectors.catalog import create_detector, detector_settings, detector_type
 from detectors.detector import Detector
-from semgraph.landmarks import Perceptions, concatenate
+from semgraph.doubles import each_once
+from semgraph.landmarks import Perceptions
 from sensors.measurements import Raw
 
 STALL_S: Final = 2.0
@@ -96,7 +97,7 @@ class DetectorBank:
                 parts.append(correct(outcome).seen_from(measurement.base_T_sensor))
             else:
                 self._faults[name, outcome.reason] += 1
-        return concatenate(measurement.stamp_ns, parts)
+        return each_once(measurement.stamp_ns, parts)
 
     @property
     def faults(self) -> tuple[str, ...]:

@@ -3,9 +3,10 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
+from semgraph.doubles import each_once
 from semgraph.files.yaw_rates import YawRateLog
 from semgraph.geometry import Pose2, UncertainPose2
-from semgraph.landmarks import Perceptions, concatenate
+from semgraph.landmarks import Perceptions
 from semgraph.motion_model import OdometryAccumulator
 from semgraph.pacing import Pace
 from semgraph.perceiving import Perceiver
@@ -18,7 +19,7 @@ class Moment:
     """What the estimators see at one time, relative to base.
 
     Attributes:
-        perceptions: of all sensors.
+        perceptions: of all sensors, each thing once.
         odometry: the wheels' motion since the moment before; None without wheels.
         views: how far lasers saw.
         measurements: what was perceived in.
@@ -90,6 +91,6 @@ class _Now:
         """All of it, and the motion up to now."""
         parts, views, measurements = self.parts, tuple(self.views), tuple(self.measurements)
         self.parts, self.views, self.measurements = [], [], []
-        perceptions = parts[0] if len(parts) == 1 else concatenate(parts[0].stamp_ns, parts)
+        perceptions = parts[0] if len(parts) == 1 else each_once(parts[0].stamp_ns, parts)
         odometry = wheels.take() if wheels is not None else None
         return Moment(perceptions, odometry, views, measurements, self.odom_T_base)

@@ -86,20 +86,24 @@ def test_what_all_detectors_find_is_seen_from_base() -> None:
     assert bank.faults == ()
 
 
+def test_what_two_detectors_find_in_one_scan_is_one_thing() -> None:
+    assert len(DetectorBank({"post": {}, "thrower": {}}).perceive(scan_at(2))) == 1
+
+
 def test_one_that_throws_is_named_and_counted_and_left_out_of_that_scan_alone() -> None:
-    bank = DetectorBank({"post": {}, "thrower": {}})
+    bank = DetectorBank({"post": {}, "thrower": {"bearing": 1.0}})
     assert [len(bank.perceive(scan_at(stamp_ns))) for stamp_ns in range(6)] == [2, 1] * 3
     assert bank.faults == ("detector thrower left out of 3 measurements: ZeroDivisionError: odd",)
 
 
 def test_one_that_stalls_is_left_out_until_it_is_replaced() -> None:
-    bank = DetectorBank({"post": {}, "sleeper": {}}, stall_s=0.05)
+    bank = DetectorBank({"post": {}, "sleeper": {"bearing": 1.0}}, stall_s=0.05)
     started = time.monotonic()
     assert [len(bank.perceive(scan_at(stamp_ns))) for stamp_ns in range(20)] == [1] * 20
     assert time.monotonic() - started < 0.25
     (fault,) = bank.faults
     assert fault.startswith("detector sleeper left out of 1 measurements: no answer within 0.05 s")
-    bank.replace({"post": {}, "sleeper": {}})
+    bank.replace({"post": {}, "sleeper": {"bearing": 1.0}})
     assert len(bank.perceive(scan_at(30))) == 1
     assert bank.faults[0].startswith("detector sleeper left out of 2 measurements")
 
