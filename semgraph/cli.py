@@ -139,14 +139,14 @@ def _call_bench(parsed: argparse.Namespace) -> None:
 
 def _call_refine(parsed: argparse.Namespace) -> None:
     from semgraph.command_line import commands
-    from semgraph.geometry import Pose2
+    from semgraph.geometry import pose_in_degrees
 
     commands.refine(
         parsed.sources,
         parsed.output,
         parsed.map,
         parsed.map_sigma,
-        Pose2(*parsed.start) if parsed.start is not None else None,
+        pose_in_degrees(*parsed.start) if parsed.start is not None else None,
         parsed.settings,
         parsed.set,
     )
@@ -293,7 +293,8 @@ def _add_refine(add_parser: AddParser) -> None:
         type=float,
         nargs=3,
         metavar=("X", "Y", "YAW"),
-        help="where the first session starts in PRIOR, to about a metre (default: as it says)",
+        help="m and degrees, where the first session starts in PRIOR, to about a metre and six "
+        "degrees (default: as it says)",
     )
     _add_output(refine)
     refine.add_argument("--settings", type=Path, metavar="FILE", help="settings in TOML")

@@ -25,6 +25,11 @@ def wrap_angle(angle: float | FloatArray) -> float | FloatArray:
     return wrapped - 2.0 * math.pi * (wrapped >= math.pi)
 
 
+def pose_in_degrees(x: float, y: float, yaw_deg: float) -> "Pose2":
+    """The pose that a person wrote: m and degrees."""
+    return Pose2(x, y, wrap_angle(math.radians(yaw_deg)))
+
+
 def rotation(theta: float) -> FloatArray:
     """The (2, 2) matrix that turns by `theta`, counter-clockwise."""
     c, s = math.cos(theta), math.sin(theta)

@@ -7,18 +7,21 @@ import numpy as np
 
 from semgraph.errors import InputError
 from semgraph.files.map_files import CSV_COLUMNS, read_map_json
-from semgraph.files.tables import Row, column_floats, read_csv_rows, read_text
+from semgraph.files.tables import Row, column_floats, read_csv_header, read_csv_rows
 from semgraph.landmarks import Kind, Landmark, semantic_object
 
 LIST_COLUMNS: Final = ("x_m", "y_m", "kind", "diameter_m")
 STEM_COLUMNS: Final = (("x", "y"), ("x", "y", "diameter"))
 MARK_COLUMNS: Final = ("x", "y", "mark")
-_MOST_LANDMARKS: Final = 1_000_000
+MOST_LANDMARKS: Final = 200_000
 # Marks are diameters: in cm if half of them are above this, for no stand has such trunks in m.
 _LARGEST_MEDIAN_M: Final = 3.0
 # A list says nothing of how its diameters were measured, nor at what height.
 _LISTED_DIAMETER_SIGMA: Final = 0.1
-_LARGEST_LISTED_M: Final = 100.0
+_LARGEST_DIAMETER_M: Final = 100.0
+# As of recordings: metres of projected coordinates.
+_LARGEST_M: Final = 1e7
+_LONGEST_IDENTITY: Final = 64
 _IDENTITY, _KIND = CSV_COLUMNS.index("identity"), CSV_COLUMNS.index("kind")
 
 
@@ -35,14 +38,42 @@ def read_given_map(path: Path, sigma_m: float) -> tuple[Landmark, ...]:
         InputError: none of these, malformed, without a landmark, or too large.
     """
     path = path / "map.json" if path.is_dir() else path
-    landmarks = read_map_json(path) if path.suffix == ".json" else _read_table(path, sigma_m)
-    if not 0 < len(landmarks) <= _MOST_LANDMARKS:
-        raise InputError(f"{path}: expected 1 to {_MOST_LANDMARKS} landmarks, got {len(landmarks)}")
+    landmarks = _read_json(path) if path.suffix == ".json" else _read_table(path, sigma_m)
+    _check_number(path, len(landmarks))
     return landmarks
 
 
+def _read_json(path: Path) -> tuple[Landmark, ...]:
+    try:
+        return tuple(map(_checked, read_map_json(path)))
+    except InputError as error:
+        raise InputError(error if str(path) in str(error) else f"{path}: {error}") from error
+
+
+def _check_number(path: Path, count: int) -> None:
+    if not 0 < count <= MOST_LANDMARKS:
+        raise InputError(f"{path}: expected 1 to {MOST_LANDMARKS} landmarks, got {count}")
+
+
+def _checked(landmark: Landmark) -> Landmark:
+    """The same, if nothing of it is out of all measure."""
+    semantics = landmark.semantics
+    diameter_m = semantics.diameter.mean_m if semantics.diameter else 0.0
+    rules = {
+        f"position within {_LARGEST_M:g} m": (np.abs(landmark.map_t_landmark) <= _LARGEST_M).all(),
+        f"sigmas within {_LARGEST_M:g} m": (np.abs(landmark.covariance) <= _LARGEST_M**2).all(),
+        f"diameter of at most {_LARGEST_DIAMETER_M:g} m": diameter_m <= _LARGEST_DIAMETER_M,
+        f"identity of at most {_LONGEST_IDENTITY} characters": len(semantics.identity)
+        <= _LONGEST_IDENTITY,
+    }
+    for rule, holds in rules.items():
+        if not holds:
+            raise InputError(f"landmark {landmark.id}: expected {rule}")
+    return landmark
+
+
 def _read_table(path: Path, sigma_m: float) -> tuple[Landmark, ...]:
-    header = tuple(read_text(path).split("\n", 1)[0].strip().split(","))
+    header = read_csv_header(path)
     if header == CSV_COLUMNS:
         return _of_run(path)
     if header == MARK_COLUMNS:
@@ -72,7 +103,7 @@ def _landmark(path: Path, row: Row, values: np.ndarray) -> Landmark:
     try:
         if not np.isfinite([number, sightings]).all():
             raise InputError("expected a number for id and sightings")
-        return Landmark(
+        landmark = Landmark(
             int(number),
             semantic_object(
                 Kind.from_label(row.cells[_KIND]), diameter, sigma, row.cells[_IDENTITY]
@@ -82,6 +113,7 @@ def _landmark(path: Path, row: Row, values: np.ndarray) -> Landmark:
             int(sightings),
             reliability,
         )
+        return _checked(landmark)
     except InputError as error:
         raise InputError(f"{path} line {row.line}: {error}") from error
 
@@ -98,19 +130,20 @@ def _of_marks(path: Path, sigma_m: float) -> tuple[Landmark, ...]:
 
 
 def _of_list(path: Path, columns: tuple[str, ...], sigma_m: float) -> tuple[Landmark, ...]:
+    rows = read_csv_rows(path, columns)
+    _check_number(path, len(rows))
+    places = column_floats(path, rows, slice(0, 2)).tolist()
+    has_diameters = columns[-1].startswith("diameter")
+    known = [Row(row.line, (row.cells[-1] or "nan" if has_diameters else "nan",)) for row in rows]
+    diameters_m = column_floats(path, known, slice(None), finite=False)[:, 0].tolist()
     landmarks = []
-    for row in read_csv_rows(path, columns):
-        x, y, *more = row.cells
-        kind = more[0] if columns == LIST_COLUMNS else Kind.TREE.label
-        diameter = more[-1] if more else ""
-        numbers = column_floats(path, [Row(row.line, (x, y))], slice(None))[0].tolist()
-        known = [Row(row.line, (diameter or "nan",))]
-        diameter_m = float(column_floats(path, known, slice(None), finite=False)[0, 0])
+    for row, place, diameter_m in zip(rows, places, diameters_m, strict=True):
+        kind = row.cells[2] if columns == LIST_COLUMNS else Kind.TREE.label
         try:
             of_kind = Kind.from_label(kind)
         except InputError as error:
             raise InputError(f"{path} line {row.line}: {error}") from error
-        landmarks.append(_listed(path, row, of_kind, (*numbers, diameter_m), sigma_m))
+        landmarks.append(_listed(path, row, of_kind, (*place, diameter_m), sigma_m))
     return tuple(landmarks)
 
 
@@ -119,9 +152,7 @@ def _listed(
 ) -> Landmark:
     x, y, diameter_m = values
     try:
-        if diameter_m > _LARGEST_LISTED_M:
-            raise InputError(f"diameter: expected at most {_LARGEST_LISTED_M:g} m")
-        return Landmark(
+        landmark = Landmark(
             row.line - 2,
             semantic_object(kind, diameter_m, _LISTED_DIAMETER_SIGMA * diameter_m),
             np.array([x, y]),
@@ -129,5 +160,6 @@ def _listed(
             1,
             1.0,
         )
+        return _checked(landmark)
     except InputError as error:
         raise InputError(f"{path} line {row.line}: {error}") from error

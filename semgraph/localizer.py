@@ -25,7 +25,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from semgraph.errors import InputError
 from semgraph.fast_estimator import FastEstimator, FastSettings, FastStep
-from semgraph.geometry import Pose2, UncertainPose2, wrap_angle
+from semgraph.geometry import Pose2, UncertainPose2, pose_in_degrees
 from semgraph.known_map.belief import Belief
 from semgraph.known_map.fixed_map import FixedMap
 from semgraph.known_map.particles import Gaussian
@@ -104,10 +104,8 @@ def start_of(pose: Sequence[float] | None, circle: Sequence[float] | None) -> St
         InputError: a number is not finite, or the radius not above 0.
     """
     if pose is not None:
-        x, y, yaw_deg = pose
         sigmas = np.array([_START_SIGMA_M, _START_SIGMA_M, _START_SIGMA_RAD])
-        start = Pose2(x, y, float(wrap_angle(np.radians(yaw_deg))))
-        return Start(UncertainPose2(start, np.diag(sigmas**2)))
+        return Start(UncertainPose2(pose_in_degrees(*pose), np.diag(sigmas**2)))
     if circle is None:
         return Start()
     radius_m, x, y = circle

@@ -3,15 +3,18 @@
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from semgraph.beside.online import OnlineSettings
-from semgraph.errors import SettingsError, known_names
+from semgraph.errors import InputError, SettingsError, known_names
 from semgraph.fast_estimator import FastSettings
 from semgraph.graph.smoother import SmootherSettings
 from semgraph.localizer import LocalizerSettings
+from sensors.files import read_text
+
+_MOST_BYTES: Final = 2**20
 
 
 class TrackerSettings(FastSettings):
@@ -85,17 +88,19 @@ def _value(assignment: str, text: str) -> object:
         return text
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError as error:
-        raise SettingsError(f"--set {assignment}: expected TOML: {error}") from error
+    except (ValueError, RecursionError) as error:
+        reason = str(error).partition("\n")[0]
+        raise SettingsError(f"--set {assignment[:80]}: expected TOML: {reason}") from error
 
 
 def _read(file: Path) -> dict[str, Any]:
     try:
-        if file.stat().st_size > 2**20:
-            raise SettingsError(f"{file}: expected settings of at most 1 MiB")
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise SettingsError(f"{file}: expected a TOML file: {error}") from error
+        return tomllib.loads(read_text(file, _MOST_BYTES))
+    except InputError as error:
+        raise SettingsError(str(error)) from error
+    except (ValueError, RecursionError) as error:
+        reason = str(error).partition("\n")[0]
+        raise SettingsError(f"{file}: expected a TOML file: {reason}") from error
 
 
 def _validated(tables: Mapping[str, Any], where: str) -> Settings:

@@ -27,6 +27,9 @@ ELLIPSE_SIGMAS = float(np.sqrt(-2.0 * np.log(0.05)))
 
 # Ellipses up to this width are drawn, however near to each other the points are.
 _LEAST_SPAN_M = 20.0
+# Inches at the top right, and how many letters of a name are always there.
+_LEGEND_WIDTH = 3.0
+_LEAST_LETTERS = 20
 
 # Inches around the axes.
 LEFT, BOTTOM, TOP = 0.8, 0.65, 0.95
@@ -127,10 +130,20 @@ def notes_on_reference(compared: Sequence[Compared]) -> list[str]:
 
 
 def title(figure: "Figure", name: str, notes: Sequence[str]) -> None:
-    """The name in bold, below it the notes, broken to the figure's width."""
+    """The name in bold, below it the notes, broken to the figure's width.
+
+    Args:
+        figure: to write on.
+        name: cut where it would not fit beside a legend.
+        notes: of one line each.
+    """
     height, width = figure.get_figheight(), figure.get_figwidth()
     left, from_top = 0.15 / width, 1.0 - 0.12 / height
-    heading = drawable(textwrap.shorten(name or "run", int(7.5 * width), placeholder="…"))
+    heading, most = (
+        drawable(name or "run"),
+        max(int(7.5 * (width - _LEGEND_WIDTH)), _LEAST_LETTERS),
+    )
+    heading = heading if len(heading) <= most else f"{heading[: most - 1]}…"
     style: dict[str, Any] = {"ha": "left", "va": "top", "color": INK, "parse_math": False}
     figure.text(left, from_top, heading, fontsize=14, fontweight="bold", **style)
     broken = textwrap.fill(drawable(" · ".join(notes)), int(12.5 * width))

@@ -5,6 +5,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 from rich.console import Console
 
 from evaluation.figures import draw_localization
@@ -90,7 +91,9 @@ def _print_localized(
     )
     if sure:
         seconds = (sure[0].stamp_ns - result.localized[0].stamp_ns) * 1e-9
-        console.print(f"found after {seconds:.1f} s, at {sure[0].map_T_base.pose}")
+        pose = sure[0].map_T_base.pose
+        where = f"x {pose.x:.2f} m, y {pose.y:.2f} m, yaw {np.degrees(pose.theta):.1f} deg"
+        console.print(f"found after {seconds:.1f} s, at {where}")
     if result.grown is not None:
         console.print(f"map: {counts_of(result.grown.changes)}")
     errors = {metric.name: metric.value for metric in metrics}

@@ -1,5 +1,7 @@
 """Text files read with care: what is refused names its file, line and reason."""
 
+import csv
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal, DecimalException
@@ -9,9 +11,12 @@ import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.errors import InputError, SemgraphError
+from sensors.files import read_bytes
 
 _NS_PER_S = 1_000_000_000
 _MAX_STAMP_S = 9_000_000_000
+# What spreadsheets put before the first cell.
+_MARK = "\ufeff"
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,16 +28,14 @@ class Row:
 
 
 def read_text(path: Path) -> str:
-    """A file's text.
+    """A file's text, whatever is in it.
 
     Raises:
-        InputError: there is no such file, it cannot be read, or it is not UTF-8.
+        InputError: there is no such file, it cannot be read, it is too large, or not UTF-8.
     """
     try:
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InputError(f"{path}: expected a file, there is none") from None
-    except (OSError, UnicodeDecodeError) as error:
+        return read_bytes(path).decode("utf-8")
+    except UnicodeDecodeError as error:
         raise InputError(f"{path}: cannot be read as text: {error}") from error
 
 
@@ -49,23 +52,40 @@ def write_text(path: Path, text: str) -> None:
 
 
 def read_csv_rows(path: Path, columns: Sequence[str]) -> list[Row]:
-    """The rows below a header that must be `columns`, separated by commas.
+    """The rows below a header that must be `columns`, separated by commas; cells may be quoted.
 
     Raises:
         InputError: no or another header, or a row with another number of cells.
     """
-    lines = read_text(path).splitlines()
-    header = ",".join(columns)
-    if not lines or lines[0].strip() != header:
-        came = repr(lines[0][:80]) if lines else "an empty file"
-        raise InputError(f"{path} line 1: expected the header {header}, got {came}")
-    rows = [
-        Row(number, tuple(cell.strip() for cell in line.split(",")))
-        for number, line in enumerate(lines[1:], start=2)
-        if line.strip()
-    ]
+    header, *rows = _csv_rows(path) or [Row(1, ())]
+    if header.cells != tuple(columns):
+        came = repr(",".join(header.cells)[:80]) if header.cells else "an empty file"
+        raise InputError(f"{path} line 1: expected the header {','.join(columns)}, got {came}")
     _check_widths(path, rows, len(columns))
     return rows
+
+
+def read_csv_header(path: Path) -> tuple[str, ...]:
+    """The cells of the first row, none of an empty file.
+
+    Raises:
+        InputError: unreadable, or no table.
+    """
+    rows = _csv_rows(path)
+    return rows[0].cells if rows else ()
+
+
+def _csv_rows(path: Path) -> list[Row]:
+    text = io.StringIO(read_text(path).removeprefix(_MARK), newline="")
+    reader = csv.reader(text, strict=True, skipinitialspace=True)
+    try:
+        return [
+            Row(reader.line_num, tuple(cell.strip() for cell in cells))
+            for cells in reader
+            if any(map(str.strip, cells)) or len(cells) > 1
+        ]
+    except csv.Error as error:
+        raise InputError(f"{path} line {reader.line_num}: not CSV: {error}") from error
 
 
 def read_spaced_rows(path: Path, width: int) -> list[Row]:

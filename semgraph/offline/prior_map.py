@@ -3,17 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Self
+from typing import Self
 
 import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
 from semgraph.errors import InputError
-from semgraph.given_maps import read_given_map
+from semgraph.given_maps import MOST_LANDMARKS, read_given_map
 from semgraph.landmarks import Landmark
-
-_MAX_LANDMARKS: Final = 200_000
-_LARGEST_M: Final = 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,8 +50,8 @@ class PriorMap:
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
-        if not 0 < k <= _MAX_LANDMARKS:
-            raise InputError(f"expected 1 to {_MAX_LANDMARKS} landmarks, got {k}")
+        if not 0 < k <= MOST_LANDMARKS:
+            raise InputError(f"expected 1 to {MOST_LANDMARKS} landmarks, got {k}")
         try:
             np.linalg.cholesky(self.covariances)
         except np.linalg.LinAlgError:
@@ -100,7 +97,8 @@ def read_prior_map(path: Path, sigma_m: float) -> PriorMap:
     Raises:
         InputError: unreadable, or nothing that a map may be.
     """
-    prior = PriorMap.of_landmarks(read_given_map(path, sigma_m))
-    if not (np.abs(prior.map_t_landmarks) <= _LARGEST_M).all():
-        raise InputError(f"{path}: expected positions within {_LARGEST_M:g} m")
-    return prior
+    landmarks = read_given_map(path, sigma_m)
+    try:
+        return PriorMap.of_landmarks(landmarks)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error

@@ -13,6 +13,7 @@ from semgraph.geometry import (
     Pose2,
     UncertainPose2,
     frozen_covariance,
+    pose_in_degrees,
     relative_poses,
     rotation,
     transform_points,
@@ -245,3 +246,9 @@ def test_a_covariance_is_a_read_only_copy() -> None:
     assert pose.covariance[0, 0] == 1.0
     with pytest.raises(ValueError, match="read-only"):
         pose.covariance[0, 0] = 2.0
+
+
+def test_a_yaw_that_a_person_wrote_is_in_degrees() -> None:
+    pose = pose_in_degrees(1.0, -2.0, 450.0)
+    assert (pose.x, pose.y) == (1.0, -2.0)
+    assert pose.theta == pytest.approx(math.pi / 2.0)

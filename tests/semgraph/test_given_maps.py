@@ -1,6 +1,8 @@
 """Maps that are given: by a run, as a list, as stems, and what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from semgraph.errors import InputError
 from semgraph.files.map_files import write_map_csv, write_map_json
 from semgraph.given_maps import read_given_map
 from semgraph.landmarks import Kind, Landmark, Tree, semantic_object
+from semgraph.offline.prior_map import read_prior_map
 
 LANDMARKS = (
     Landmark(3, semantic_object(Kind.TREE, 0.3, 0.02), np.array([1.0, 2.0]), np.eye(2), 5, 0.9),
@@ -31,6 +34,43 @@ def test_a_runs_map_comes_back_from_json_csv_and_folder(tmp_path: Path) -> None:
     for path in (tmp_path / "map.json", tmp_path / "map.csv", tmp_path):
         read = read_given_map(path, 0.1)
         assert all(same(*pair) for pair in zip(read, LANDMARKS, strict=True))
+
+
+def test_what_a_spreadsheet_saves_is_read(tmp_path: Path) -> None:
+    """A mark before the first cell, quoted cells, a name with a comma."""
+    path = tmp_path / "list.csv"
+    path.write_text('\ufeff"x", "y"\r\n"1","2"\r\n', encoding="utf-8")
+    (stem,) = read_given_map(path, 0.1)
+    assert stem.map_t_landmark.tolist() == [1.0, 2.0]
+    named = replace(LANDMARKS[1], semantics=Tree(identity='=A0,"b"'))
+    write_map_csv(tmp_path / "map.csv", [named])
+    assert same(read_given_map(tmp_path / "map.csv", 0.1)[0], named)
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"map_t_landmark": np.array([1e300, 0.0])}, "landmark 7: expected position within 1e"),
+        ({"covariance": 1e300 * np.eye(2)}, "expected sigmas within"),
+        ({"semantics": semantic_object(Kind.TREE, 1e200, 1e198)}, "expected diameter of at most"),
+        ({"semantics": Tree(identity="a" * 65)}, "expected identity of at most 64"),
+    ],
+)
+def test_what_is_out_of_all_measure_is_refused(
+    tmp_path: Path, changed: dict[str, Any], reason: str
+) -> None:
+    landmark = replace(LANDMARKS[1], **changed)
+    write_map_json(tmp_path / "map.json", [landmark])
+    write_map_csv(tmp_path / "map.csv", [landmark])
+    for name in ("map.json", "map.csv"):
+        with pytest.raises(InputError, match=f"{name}.*{reason}"):
+            read_given_map(tmp_path / name, 0.1)
+
+
+def test_projected_coordinates_are_a_map(tmp_path: Path) -> None:
+    path = tmp_path / "stems.csv"
+    path.write_text("x,y\n500000,5400000\n")
+    assert read_prior_map(path, 0.1).map_t_landmarks.tolist() == [[500_000.0, 5_400_000.0]]
 
 
 def test_lists_have_kinds_and_diameters(tmp_path: Path) -> None:
@@ -75,7 +115,7 @@ def test_stems_are_in_cm_or_m(tmp_path: Path, marks: str, diameter_m: float) -> 
         ("x,y,mark\n1,nan,3\n", "line 2: expected finite"),
         ("x,y,mark\n1,2,-3\n", "line 2: diameter"),
         ("x,y,mark\n1,2\n", "line 2: expected 3 values"),
-        ("x,y,diameter\n1,2,101\n", "line 2: diameter"),
+        ("x,y,diameter\n1,2,101\n", "line 2: landmark 0: expected diameter of at most"),
         ("x_m,y_m,kind,diameter_m\n1,2,bush,\n", "line 2: kind"),
         ("x_m,y_m,kind,diameter_m\n1,,tree,\n", "line 2: expected a number"),
     ],

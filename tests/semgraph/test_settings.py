@@ -44,3 +44,20 @@ def test_a_bad_file_is_refused_by_name(tmp_path: Path, text: str) -> None:
         load_settings(file, [])
     with pytest.raises(SettingsError, match="missing"):
         load_settings(tmp_path / "missing.toml", [])
+
+
+@pytest.mark.parametrize("text", ["a = " + "9" * 5000, "a = " + "[" * 100_000, 'a = "\0'])
+def test_hostile_settings_are_one_line(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "bad.toml"
+    file.write_text(text)
+    with pytest.raises(SettingsError, match=r"bad\.toml") as error:
+        load_settings(file, [])
+    assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 500
+
+
+def test_a_device_is_no_settings_file() -> None:
+    with pytest.raises(SettingsError, match="expected a file, got a folder or device"):
+        load_settings(Path("/dev/zero"), [])
+    with pytest.raises(SettingsError, match="expected TOML"):
+        load_settings(None, ["filters=" + "[" * 100_000])
