@@ -24,7 +24,7 @@ _MOST_TURNS: Final = 200
 _LOST_RADII: Final = 2.0
 # Of what is remembered, this much is looked at: all, then ever less.
 _FRESHER: Final = np.array([1.0, 0.5, 0.25])
-# Of matches that a guessed pose has found, a hundred to one.
+# Of matches that a guessed pose has found, or of a place after a blindness, a hundred to one.
 _SURE_LOG_ODDS: Final = float(np.log(100.0))
 _NO_MOTION: Final = UncertainPose2(Pose2(), np.zeros((3, 3)))
 
@@ -325,9 +325,13 @@ class FastEstimator:
         Where not in all that is remembered, then in what was sighted last: much of the rest may be
         hidden by now, which speaks against any place.
         """
+        # What saw nothing for a while may be where nothing is known.
+        least_log_odds = 0.0 if self._moved_unseen is _NO_MOTION else _SURE_LOG_ODDS
         for remembered_m in np.unique(self._settings.memory_m * _FRESHER)[::-1].tolist():
             since_m = self._driven_m - remembered_m
-            placed = find_pose(self._map, perceptions, map_T_last, map_T_proposed, since_m)
+            placed = find_pose(
+                self._map, perceptions, map_T_last, map_T_proposed, since_m, least_log_odds
+            )
             if placed is not None:
                 return placed
         return None

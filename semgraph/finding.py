@@ -12,8 +12,8 @@ from semgraph.landmarks import Perceptions
 from semgraph.measurement_model import CHI2_3DOF_999, log_odds_of_pairs
 from semgraph.navigation_map import NavigationMap
 
-# It fits more probably than not: what follows from it is gated again.
-_LEAST_LOG_ODDS: Final = 0.0
+# A place that is more probable than this beside the best one is a rival, one in a hundred.
+_RIVAL_LOG_ODDS: Final = -float(np.log(100.0))
 _LEAST_SEEN: Final = 4
 # Farther than this nobody looks, however unsure the motion is.
 _MAX_REACH_M: Final = 40.0
@@ -27,8 +27,12 @@ def find_pose(
     map_T_last: Pose2,
     map_T_proposed: UncertainPose2,
     since_m: float,
+    least_log_odds: float,
 ) -> UncertainPose2 | None:
     """map_T_base where all perceptions together fit the map; None where no place is sure enough.
+
+    Neither where another one may be it: rows of trees fit as well one tree farther on, and only the
+    motion tells them apart.
 
     Args:
         navigation_map: what is known.
@@ -37,6 +41,7 @@ def find_pose(
         map_T_proposed: by the motion model; the place lies within its 99.9 %. Where that is farther
             than anybody looks, the model says nothing, and the place is near the last one.
         since_m: only landmarks last sighted at this distance driven or later.
+        least_log_odds: how sure it must be that the place is none outside the map.
     """
     sigma_m = float(np.sqrt(np.linalg.eigvalsh(map_T_proposed.covariance[:2, :2])[-1]))
     map_T_centre = map_T_last if sigma_m > _MAX_REACH_M else map_T_proposed.pose
@@ -63,12 +68,13 @@ def find_pose(
         perceptions.diameter_sigmas_m,
         perceptions.identities,
     )
-    for placement in MapIndex(mapped).place(seen, max_placements=1):
-        apart = map_T_centre.between(placement.map_T_local.pose)
-        is_near = np.hypot(apart.x, apart.y) <= reach_m
-        if is_near and placement.log_odds >= _LEAST_LOG_ODDS:
-            return placement.map_T_local
-    return None
+    prior = map_T_proposed if sigma_m <= _MAX_REACH_M else None
+    best, *others = MapIndex(mapped).place(seen, max_placements=2, prior=prior) or (None,)
+    if best is None or any(other.log_odds > _RIVAL_LOG_ODDS for other in others):
+        return None
+    apart = map_T_centre.between(best.map_T_local.pose)
+    is_near = np.hypot(apart.x, apart.y) <= reach_m
+    return best.map_T_local if is_near and best.log_odds >= least_log_odds else None
 
 
 def log_odds_of_matches(

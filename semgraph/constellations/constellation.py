@@ -1,4 +1,4 @@
-"""Where a group of landmarks stands in a map, without any prior of the pose.
+"""Where a group of landmarks stands in a map, also without any prior of the pose.
 
 Triangles that are alike propose poses; those that most triangles agree on are settled against the
 map, and the odds of each are counted against chance and against all the others.
@@ -12,10 +12,10 @@ import numpy as np
 
 from semgraph.arrays import FloatArray, IntArray, frozen_ints
 from semgraph.constellations.mapped_constellation import Constellation, MappedConstellation
-from semgraph.constellations.placement import Hypothesis, Likelihood
+from semgraph.constellations.placement import Hypothesis, Likelihood, distances2
 from semgraph.constellations.triangles import TriangleIndex, triangles_of
 from semgraph.geometry import Pose2, UncertainPose2
-from semgraph.measurement_model import CHI2_2DOF_999
+from semgraph.measurement_model import CHI2_2DOF_999, CHI2_3DOF_999
 
 __all__ = ["Constellation", "MapIndex", "Placement"]
 
@@ -78,20 +78,33 @@ class MapIndex:
             mapped.positions[self._sure], mapped.kinds[self._sure], reach_m
         )
 
-    def place(self, seen: Constellation, max_placements: int = 10) -> tuple[Placement, ...]:
+    def place(
+        self,
+        seen: Constellation,
+        max_placements: int = 10,
+        prior: UncertainPose2 | None = None,
+    ) -> tuple[Placement, ...]:
         """The placements of `seen`, the most probable first.
 
         None where fewer than three landmarks (two that are named) fit the map.
+
+        Args:
+            seen: in a frame of its own.
+            max_placements: so many at most.
+            prior: map_T_local as it is believed; places beyond its 99.9 % are none. Without it all
+                of the map is as probable.
         """
         if min(len(self._mapped.landmarks), len(seen)) < 2:
             return ()
         middle = seen.positions.mean(axis=0)
         centred = replace(seen, positions=seen.positions - middle)
         sigma_m = (self._variance + float(np.median(seen.variances))) ** 0.5
-        poses, num_left_out = self._shortlist(centred, sigma_m)
+        local_T_centre = UncertainPose2(Pose2(*middle.tolist()), np.zeros((3, 3)))
+        map_T_centre = prior @ local_T_centre if prior is not None else None
+        poses, num_left_out = self._shortlist(centred, sigma_m, map_T_centre)
         # The trace: no axis has a larger variance.
         gates_m = (CHI2_2DOF_999 * 2.0 * (self._variance + seen.variances)) ** 0.5
-        likelihood = Likelihood(self._mapped, centred, gates_m)
+        likelihood = Likelihood(self._mapped, centred, gates_m, map_T_centre)
         settled = likelihood.settle(poses, 2.0 * sigma_m)
         found = [each for each in settled if each is not None and _is_a_shape(each, seen)]
         distinct = _distinct(found)
@@ -99,14 +112,16 @@ class MapIndex:
             return ()
         left_out = _left_out(distinct[0], settled, num_left_out)
         log_odds = _against_all_others(distinct, left_out)
-        local_T_centre = UncertainPose2(Pose2(*(-middle).tolist()), np.zeros((3, 3)))
+        centre_T_local = local_T_centre.inverse()
         placements = [
-            Placement(each.map_T_centre @ local_T_centre, each.rows, each.columns, odds)
+            Placement(each.map_T_centre @ centre_T_local, each.rows, each.columns, odds)
             for each, odds in zip(distinct, log_odds, strict=True)
         ]
         return tuple(placements[:max_placements])
 
-    def _shortlist(self, seen: Constellation, sigma_m: float) -> tuple[FloatArray, int]:
+    def _shortlist(
+        self, seen: Constellation, sigma_m: float, prior: UncertainPose2 | None
+    ) -> tuple[FloatArray, int]:
         """(s, 3) rough poses, the best first, and how many poses as good as the last are left out.
 
         Poses are those of the centre of what is seen.
@@ -115,6 +130,10 @@ class MapIndex:
         radius_m = float(np.sqrt(np.mean(np.sum(seen.positions**2, axis=1))))
         cell_m = _CELL_SIGMAS * sigma_m
         cells = np.array([cell_m, cell_m, cell_m / max(radius_m, cell_m)])
+        if prior is not None:
+            rough = np.diag(cells**2)
+            is_possible = distances2(prior, poses, rough) <= CHI2_3DOF_999
+            poses, votes = poses[is_possible], votes[is_possible]
         poses, votes = _agreed(poses, votes, cells)
         order = np.argsort(-votes, kind="stable")
         kept = order[: max(_MAX_POINTS // len(seen), _MAX_SETTLED)]

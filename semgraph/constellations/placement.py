@@ -14,7 +14,7 @@ from semgraph.constellations.mapped_constellation import (
     surrounding_density,
 )
 from semgraph.constellations.pairing import Pairs, Scene
-from semgraph.geometry import Pose2, UncertainPose2, points_from, transform_points
+from semgraph.geometry import Pose2, UncertainPose2, points_from, relative_poses, transform_points
 from semgraph.measurement_model import CHI2_2DOF_999, diameter_log_likelihoods, mahalanobis2
 
 # That something elsewhere bears the same identity.
@@ -54,12 +54,18 @@ class Likelihood:
         mapped: the map.
         seen: about its centre.
         gates_m: (n,) how far from a landmark seen a mapped one may be.
+        prior: map_T_centre before anything is seen; None for anywhere in the map.
     """
 
     def __init__(
-        self, mapped: MappedConstellation, seen: Constellation, gates_m: FloatArray
+        self,
+        mapped: MappedConstellation,
+        seen: Constellation,
+        gates_m: FloatArray,
+        prior: UncertainPose2 | None = None,
     ) -> None:
         self._mapped, self._seen, self._gates_m = mapped, seen, gates_m
+        self._prior = prior
         self._view = _view(seen.positions)
         self._radius_m = float(np.linalg.norm(seen.positions, axis=1).max())
         self._densities = _densities(mapped, seen)
@@ -79,7 +85,7 @@ class Likelihood:
             pairs = self._scene(poses, variance).best_pairs()
             is_placed &= np.bincount(pairs.owners, minlength=len(poses)) >= 2
             poses, covariances = self._fitted(poses, pairs)
-        log_odds = self._scene(poses, 0.0).log_odds(pairs) + self._occam(covariances)
+        log_odds = self._scene(poses, 0.0).log_odds(pairs) + self._occam(poses, covariances)
         is_placed &= np.isfinite(log_odds)
         found: list[Hypothesis | None] = [None] * len(poses)
         for number in np.flatnonzero(is_placed).tolist():
@@ -99,10 +105,15 @@ class Likelihood:
             self._covariances(poses, pairs),
         )
 
-    def _occam(self, covariances: FloatArray) -> FloatArray:
-        """(h,) ln of the share of all poses of the map that the pairs leave: Laplace's method."""
-        log_left = 0.5 * np.linalg.slogdet(2.0 * np.pi * _DOUBT * covariances)[1]
-        return np.asarray(np.minimum(0.0, log_left - np.log(2.0 * np.pi * self._mapped.area_m2)))
+    def _occam(self, poses: FloatArray, covariances: FloatArray) -> FloatArray:
+        """(h,) ln of the share of all poses before that the pairs leave: Laplace's method."""
+        wide = _DOUBT * covariances
+        log_left = 0.5 * np.linalg.slogdet(2.0 * np.pi * wide)[1]
+        if self._prior is None:
+            log_before = -np.log(2.0 * np.pi * self._mapped.area_m2)
+        else:
+            log_before = log_density(self._prior, poses, wide)
+        return np.asarray(np.minimum(0.0, log_left + log_before))
 
     def _covariances(self, poses: FloatArray, pairs: Pairs) -> FloatArray:
         """(k, 2, 2) of the pairs' differences, in the frame of what is seen."""
@@ -189,6 +200,19 @@ class Likelihood:
         is_inside = _is_inside(self._view, in_centre)
         expected: IntArray = owners[is_inside] * len(mapped.landmarks) + columns[is_inside]
         return expected
+
+
+def distances2(prior: UncertainPose2, poses: FloatArray, covariances: FloatArray) -> FloatArray:
+    """(h,) squared Mahalanobis distances of poses (h, 3), each with (3, 3) of its own."""
+    off = relative_poses(np.tile(prior.pose.as_array(), (len(poses), 1)), poses)
+    solved = np.linalg.solve(prior.covariance + covariances, off[:, :, None])[:, :, 0]
+    return np.asarray(np.einsum("hi,hi->h", off, solved))
+
+
+def log_density(prior: UncertainPose2, poses: FloatArray, covariances: FloatArray) -> FloatArray:
+    """(h,) ln of the prior where poses (h, 3) are, known to (h, 3, 3)."""
+    log_size = np.linalg.slogdet(2.0 * np.pi * (prior.covariance + covariances))[1]
+    return np.asarray(-0.5 * (distances2(prior, poses, covariances) + log_size))
 
 
 def _densities(mapped: MappedConstellation, seen: Constellation) -> FloatArray:

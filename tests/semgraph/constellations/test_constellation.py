@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.constellations.constellation import Constellation, MapIndex, Placement
 from semgraph.errors import InputError
-from semgraph.geometry import Pose2, rotation, wrap_angle
+from semgraph.geometry import Pose2, UncertainPose2, rotation, wrap_angle
 from semgraph.landmarks import Kind
 
 CONFIDENT = float(np.log(100.0))
@@ -216,6 +216,37 @@ def test_rows_that_look_alike_leave_every_placement_in_doubt(seed: int, num_colu
     )
     assert len(placements) > 1
     assert all(each.log_odds < CONFIDENT for each in placements)
+
+
+def test_a_prior_tells_places_apart_that_are_alike() -> None:
+    rng = np.random.default_rng(3)
+    trees = forest(rng, 200)
+    there = Pose2(60.0, -100.0, 2.0)
+    index = MapIndex(constellation(np.vstack([trees, there.transform(trees)])))
+    rows = near(trees, trees.mean(axis=0), 20.0)
+    seen = constellation(trees[rows])
+    for place, columns in ((Pose2(), rows), (there, rows + 200)):
+        believed = UncertainPose2(place @ Pose2(0.5, 0.3, 0.02), np.diag([1.0, 1.0, 0.1**2]))
+        best, *others = index.place(seen, prior=believed)
+        assert best.columns.tolist() == columns.tolist()
+        assert best.log_odds > CONFIDENT
+        assert all(other.log_odds < -CONFIDENT for other in others)
+    nowhere = UncertainPose2(Pose2(30.0, 0.0, 0.0), np.diag([1.0, 1.0, 0.1**2]))
+    assert all(each.log_odds < CONFIDENT for each in index.place(seen, prior=nowhere))
+
+
+def test_a_wide_prior_is_none() -> None:
+    """Where it leaves all of the map open, placements and odds are those without."""
+    rng = np.random.default_rng(5)
+    trees = forest(rng, 100)
+    rows = near(trees, trees.mean(axis=0), 15.0)
+    index = MapIndex(constellation(trees))
+    wide = UncertainPose2(Pose2(*trees.mean(axis=0).tolist()), np.diag([40.0, 40.0, 3.0]) ** 2)
+    with_prior, without = (
+        index.place(constellation(trees[rows]), prior=prior)[0] for prior in (wide, None)
+    )
+    assert pairs(with_prior) == pairs(without)
+    assert with_prior.log_odds == pytest.approx(without.log_odds, abs=3.0)
 
 
 def test_of_two_places_that_are_alike_both_are_found_and_neither_is_sure() -> None:
