@@ -99,7 +99,10 @@ class Movement:
         if self._last_stamp_ns is None:
             return UncertainPose2(Pose2(), KNOWN_START)
         seconds = (stamp_ns - self._last_stamp_ns) * 1e-9
-        return constant_motion(self._last, self._last_seconds, seconds, noise, self._unseen_seconds)
+        # From what is in sight by now, a speed that nobody knows leads no farther than it can.
+        is_begun = self._last_seconds <= 0.0 and self._num_known > 0
+        unseen_seconds = 0.0 if is_begun else self._unseen_seconds
+        return constant_motion(self._last, self._last_seconds, seconds, noise, unseen_seconds)
 
     def _learn_habit(
         self, stamp_ns: int, moved: Pose2, seconds: float, *, is_perceived: bool

@@ -67,6 +67,19 @@ def test_without_places_the_velocity_wanders_until_it_is_unknown() -> None:
     assert along_m[-1] == pytest.approx(NOISE.unknown_speed + NOISE.floor_m)
 
 
+def test_from_what_begins_to_be_seen_an_unknown_speed_leads_no_farther_than_it_can() -> None:
+    """However long nothing was seen before; for where that was it stays as unknown."""
+    movement = Movement(NOISE)
+    for k in range(20):
+        num_known = 2 * (k == 19)
+        pose = movement.expected(k * SECOND_NS).pose
+        movement.note(k * SECOND_NS, pose, pose, num_known, is_seen=False, is_perceived=False)
+    soon = 19 * SECOND_NS + SECOND_NS // 5
+    expected = movement.expected(soon)
+    assert sigmas(expected)[0] == pytest.approx(0.2 * NOISE.unknown_speed + NOISE.floor_m)
+    assert sigmas(movement.told(soon, expected))[0] > 2.0 * NOISE.unknown_speed
+
+
 def test_after_a_restart_the_speed_is_unknown_and_the_habit_is_not() -> None:
     movement = moved(30)
     movement.restart(40 * SECOND_NS)
