@@ -6,9 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from semgraph.arrays import BoolArray, FloatArray, IntArray
+from semgraph.arrays import BoolArray, IntArray
 from semgraph.landmarks import Perceptions, concatenate
-from semgraph.measurement_model import CHI2_2DOF_999, diameters_contradict, mahalanobis2
+from semgraph.measurement_model import are_apart, diameters_contradict
+from semgraph.nearest import nearest_to_each_other
 
 # How well it is known where sensors are on a robot, one axis.
 _MOUNTED_SIGMA_M: Final = 0.03
@@ -35,20 +36,14 @@ def _with(stamp_ns: int, known: Perceptions, part: Perceptions) -> Perceptions:
 
 def _pairs(first: Perceptions, second: Perceptions) -> tuple[IntArray, IntArray]:
     """(k,) rows of each that are one thing: of its kind each is the other's nearest."""
-    from scipy.spatial import KDTree
-
     places = first.base_t_landmarks(), second.base_t_landmarks()
-    pairs = np.zeros((0, 2), dtype=np.int64)
-    for kind in np.intersect1d(first.kinds, second.kinds).tolist():
-        rows, others = (np.flatnonzero(each.kinds == kind) for each in (first, second))
-        trees = KDTree(places[0][rows]), KDTree(places[1][others])
-        nearest = trees[1].query(trees[0].data)[1]
-        is_mutual = trees[0].query(trees[1].data)[1][nearest] == np.arange(len(rows))
-        both = np.column_stack([rows[is_mutual], others[nearest[is_mutual]]])
-        pairs = np.concatenate([pairs, both])
-    rows, others = pairs.T
-    is_one = _may_be(first, rows, second, others) & ~_are_apart(
-        places[0][rows] - places[1][others], first, rows, second, others
+    rows, others = nearest_to_each_other(places[0], first.kinds, places[1], second.kinds)
+    covariances = first.base_covariances()[rows] + second.base_covariances()[others]
+    is_one = _may_be(first, rows, second, others) & ~are_apart(
+        places[0][rows] - places[1][others],
+        covariances + _MOUNTED_SIGMA_M**2 * np.eye(2),
+        first.diameters_m[rows],
+        second.diameters_m[others],
     )
     return rows[is_one], others[is_one]
 
@@ -63,17 +58,6 @@ def _may_be(first: Perceptions, rows: IntArray, second: Perceptions, others: Int
         second.diameters_m[others],
         second.diameter_sigmas_m[others],
     )
-
-
-def _are_apart(
-    offsets: FloatArray, first: Perceptions, rows: IntArray, second: Perceptions, others: IntArray
-) -> BoolArray:
-    """(k,) whether one is beside the other, as far as anybody knows."""
-    covariances = first.base_covariances()[rows] + second.base_covariances()[others]
-    distances2 = mahalanobis2(offsets, covariances + _MOUNTED_SIGMA_M**2 * np.eye(2))
-    touching_m = 0.5 * np.nan_to_num(first.diameters_m[rows] + second.diameters_m[others])
-    is_beside: BoolArray = np.hypot(offsets[:, 0], offsets[:, 1]) > touching_m
-    return is_beside & (distances2 > CHI2_2DOF_999)
 
 
 def _is_surer(

@@ -10,11 +10,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from semgraph.alignment import Alignment, Solve, align, fuse_with_prior
 from semgraph.arrays import BoolArray, FloatArray, IntArray
 from semgraph.estimates import NoEstimate, NoEstimateReason
-from semgraph.finding import find_pose, log_odds_of_matches
+from semgraph.finding import SURE_LOG_ODDS, find_pose, log_odds_of_matches
 from semgraph.geometry import Pose2, UncertainPose2
 from semgraph.landmarks import Perceptions
 from semgraph.matching import Assignment, LocalMap, Matches, SweepRule, local_map, match
-from semgraph.measurement_model import CHI2_2DOF_999, mahalanobis2
+from semgraph.measurement_model import CHI2_2DOF_999, are_apart, mahalanobis2
 from semgraph.motion_model import MotionNoise
 from semgraph.movement import KNOWN_START, Movement
 from semgraph.navigation_map import Averaging, NavigationMap
@@ -24,8 +24,6 @@ _MOST_TURNS: Final = 200
 _LOST_RADII: Final = 2.0
 # Of what is remembered, this much is looked at: all, then ever less.
 _FRESHER: Final = np.array([1.0, 0.5, 0.25])
-# Of matches that a guessed pose has found, or of a place after a blindness, a hundred to one.
-_SURE_LOG_ODDS: Final = float(np.log(100.0))
 _NO_MOTION: Final = UncertainPose2(Pose2(), np.zeros((3, 3)))
 
 
@@ -308,9 +306,7 @@ class FastEstimator:
         offsets = self._map.positions(others) - position
         covariances = covariance + self._map.covariances(others) + self._map_covariance
         diameters_m, _ = self._map.diameters(others)
-        touching_m = 0.5 * np.nan_to_num(diameter_m + diameters_m)
-        is_beside = np.hypot(offsets[:, 0], offsets[:, 1]) > touching_m
-        return bool((is_beside & (mahalanobis2(offsets, covariances) > CHI2_2DOF_999)).all())
+        return bool(are_apart(offsets, covariances, diameter_m, diameters_m).all())
 
     def _is_lost(self, motion: UncertainPose2) -> bool:
         """Whether the motion is so unsure that what is within the radius is so by chance."""
@@ -326,7 +322,7 @@ class FastEstimator:
         hidden by now, which speaks against any place.
         """
         # What saw nothing for a while may be where nothing is known.
-        least_log_odds = 0.0 if self._moved_unseen is _NO_MOTION else _SURE_LOG_ODDS
+        least_log_odds = 0.0 if self._moved_unseen is _NO_MOTION else SURE_LOG_ODDS
         for remembered_m in np.unique(self._settings.memory_m * _FRESHER)[::-1].tolist():
             since_m = self._driven_m - remembered_m
             placed = find_pose(
@@ -382,7 +378,7 @@ class FastEstimator:
             estimate.proposed_T_base,
             perceptions,
         )
-        return log_odds < _SURE_LOG_ODDS
+        return log_odds < SURE_LOG_ODDS
 
     @property
     def remembered_since_m(self) -> float:

@@ -12,8 +12,8 @@ from semgraph.landmarks import Perceptions
 from semgraph.measurement_model import CHI2_3DOF_999, log_odds_of_pairs
 from semgraph.navigation_map import NavigationMap
 
-# A place that is more probable than this beside the best one is a rival, one in a hundred.
-_RIVAL_LOG_ODDS: Final = -float(np.log(100.0))
+# A hundred to one: of what a guess has found, of a place after a blindness, and against rivals.
+SURE_LOG_ODDS: Final = float(np.log(100.0))
 _LEAST_SEEN: Final = 4
 # Farther than this nobody looks, however unsure the motion is.
 _MAX_REACH_M: Final = 40.0
@@ -70,7 +70,7 @@ def find_pose(
     )
     prior = map_T_proposed if sigma_m <= _MAX_REACH_M else None
     best, *others = MapIndex(mapped).place(seen, max_placements=2, prior=prior) or (None,)
-    if best is None or any(other.log_odds > _RIVAL_LOG_ODDS for other in others):
+    if best is None or any(other.log_odds > -SURE_LOG_ODDS for other in others):
         return None
     apart = map_T_centre.between(best.map_T_local.pose)
     is_near = np.hypot(apart.x, apart.y) <= reach_m

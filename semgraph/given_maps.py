@@ -9,19 +9,17 @@ from semgraph.errors import InputError
 from semgraph.files.map_files import CSV_COLUMNS, read_map_json
 from semgraph.files.tables import Row, column_floats, read_csv_header, read_csv_rows
 from semgraph.landmarks import Kind, Landmark, semantic_object
+from sensors.plain_perceptions import LARGEST_M, LONGEST_IDENTITY
 
 LIST_COLUMNS: Final = ("x_m", "y_m", "kind", "diameter_m")
 STEM_COLUMNS: Final = (("x", "y"), ("x", "y", "diameter"))
 MARK_COLUMNS: Final = ("x", "y", "mark")
 MOST_LANDMARKS: Final = 200_000
 # Marks are diameters: in cm if half of them are above this, for no stand has such trunks in m.
-_LARGEST_MEDIAN_M: Final = 3.0
+LARGEST_MEDIAN_M: Final = 3.0
 # A list says nothing of how its diameters were measured, nor at what height.
 _LISTED_DIAMETER_SIGMA: Final = 0.1
 _LARGEST_DIAMETER_M: Final = 100.0
-# As of recordings: metres of projected coordinates.
-_LARGEST_M: Final = 1e7
-_LONGEST_IDENTITY: Final = 64
 _IDENTITY, _KIND = CSV_COLUMNS.index("identity"), CSV_COLUMNS.index("kind")
 
 
@@ -60,11 +58,11 @@ def _checked(landmark: Landmark) -> Landmark:
     semantics = landmark.semantics
     diameter_m = semantics.diameter.mean_m if semantics.diameter else 0.0
     rules = {
-        f"position within {_LARGEST_M:g} m": (np.abs(landmark.map_t_landmark) <= _LARGEST_M).all(),
-        f"sigmas within {_LARGEST_M:g} m": (np.abs(landmark.covariance) <= _LARGEST_M**2).all(),
+        f"position within {LARGEST_M:g} m": (np.abs(landmark.map_t_landmark) <= LARGEST_M).all(),
+        f"sigmas within {LARGEST_M:g} m": (np.abs(landmark.covariance) <= LARGEST_M**2).all(),
         f"diameter of at most {_LARGEST_DIAMETER_M:g} m": diameter_m <= _LARGEST_DIAMETER_M,
-        f"identity of at most {_LONGEST_IDENTITY} characters": len(semantics.identity)
-        <= _LONGEST_IDENTITY,
+        f"identity of at most {LONGEST_IDENTITY} characters": len(semantics.identity)
+        <= LONGEST_IDENTITY,
     }
     for rule, holds in rules.items():
         if not holds:
@@ -121,7 +119,7 @@ def _landmark(path: Path, row: Row, values: np.ndarray) -> Landmark:
 def _of_marks(path: Path, sigma_m: float) -> tuple[Landmark, ...]:
     rows = read_csv_rows(path, MARK_COLUMNS)
     values = column_floats(path, rows, slice(None)).reshape(-1, 3)
-    is_cm = len(values) > 0 and float(np.median(values[:, 2])) > _LARGEST_MEDIAN_M
+    is_cm = len(values) > 0 and float(np.median(values[:, 2])) > LARGEST_MEDIAN_M
     diameters_m = values[:, 2] * (0.01 if is_cm else 1.0)
     return tuple(
         _listed(path, row, Kind.TREE, (x, y, diameter_m), sigma_m)

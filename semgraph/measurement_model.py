@@ -76,6 +76,25 @@ def mahalanobis2(differences: FloatArray, covariances: FloatArray) -> FloatArray
     return distances2
 
 
+def are_apart(
+    offsets: FloatArray,
+    covariances: FloatArray,
+    diameters_m: FloatArray | float,
+    other_diameters_m: FloatArray,
+) -> BoolArray:
+    """(n,) whether of two things one is beside the other, neither the same nor a part of it.
+
+    Args:
+        offsets: (n, 2) m from the one to the other.
+        covariances: (n, 2, 2) m2 of those.
+        diameters_m: (n,) of the one, or of all; NaN where unknown.
+        other_diameters_m: (n,) of the other.
+    """
+    touching_m = 0.5 * np.nan_to_num(diameters_m + other_diameters_m)
+    is_beside = np.hypot(offsets[:, 0], offsets[:, 1]) > touching_m
+    return np.asarray(is_beside & (mahalanobis2(offsets, covariances) > CHI2_2DOF_999))
+
+
 def log_odds_of_pairs(
     differences: FloatArray, covariances: FloatArray, densities: FloatArray | float
 ) -> FloatArray:

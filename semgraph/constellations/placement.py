@@ -112,7 +112,7 @@ class Likelihood:
         if self._prior is None:
             log_before = -np.log(2.0 * np.pi * self._mapped.area_m2)
         else:
-            log_before = log_density(self._prior, poses, wide)
+            log_before = _log_density(self._prior, poses, wide)
         return np.asarray(np.minimum(0.0, log_left + log_before))
 
     def _covariances(self, poses: FloatArray, pairs: Pairs) -> FloatArray:
@@ -205,11 +205,10 @@ class Likelihood:
 def distances2(prior: UncertainPose2, poses: FloatArray, covariances: FloatArray) -> FloatArray:
     """(h,) squared Mahalanobis distances of poses (h, 3), each with (3, 3) of its own."""
     off = relative_poses(np.tile(prior.pose.as_array(), (len(poses), 1)), poses)
-    solved = np.linalg.solve(prior.covariance + covariances, off[:, :, None])[:, :, 0]
-    return np.asarray(np.einsum("hi,hi->h", off, solved))
+    return mahalanobis2(off, prior.covariance + covariances)
 
 
-def log_density(prior: UncertainPose2, poses: FloatArray, covariances: FloatArray) -> FloatArray:
+def _log_density(prior: UncertainPose2, poses: FloatArray, covariances: FloatArray) -> FloatArray:
     """(h,) ln of the prior where poses (h, 3) are, known to (h, 3, 3)."""
     log_size = np.linalg.slogdet(2.0 * np.pi * (prior.covariance + covariances))[1]
     return np.asarray(-0.5 * (distances2(prior, poses, covariances) + log_size))

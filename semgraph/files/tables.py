@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, DecimalException
 from pathlib import Path
@@ -57,7 +57,7 @@ def read_csv_rows(path: Path, columns: Sequence[str]) -> list[Row]:
     Raises:
         InputError: no or another header, or a row with another number of cells.
     """
-    header, *rows = _csv_rows(path) or [Row(1, ())]
+    header, *rows = [*_csv_rows(path)] or [Row(1, ())]
     if header.cells != tuple(columns):
         came = repr(",".join(header.cells)[:80]) if header.cells else "an empty file"
         raise InputError(f"{path} line 1: expected the header {','.join(columns)}, got {came}")
@@ -71,19 +71,16 @@ def read_csv_header(path: Path) -> tuple[str, ...]:
     Raises:
         InputError: unreadable, or no table.
     """
-    rows = _csv_rows(path)
-    return rows[0].cells if rows else ()
+    return next(_csv_rows(path), Row(1, ())).cells
 
 
-def _csv_rows(path: Path) -> list[Row]:
+def _csv_rows(path: Path) -> Iterator[Row]:
     text = io.StringIO(read_text(path).removeprefix(_MARK), newline="")
     reader = csv.reader(text, strict=True, skipinitialspace=True)
     try:
-        return [
-            Row(reader.line_num, tuple(cell.strip() for cell in cells))
-            for cells in reader
-            if any(map(str.strip, cells)) or len(cells) > 1
-        ]
+        for cells in reader:
+            if any(map(str.strip, cells)) or len(cells) > 1:
+                yield Row(reader.line_num, tuple(cell.strip() for cell in cells))
     except csv.Error as error:
         raise InputError(f"{path} line {reader.line_num}: not CSV: {error}") from error
 

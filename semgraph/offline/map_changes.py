@@ -10,6 +10,7 @@ import numpy as np
 from semgraph.arrays import FloatArray, IntArray
 from semgraph.landmarks import Kind, Landmark
 from semgraph.measurement_model import CHI2_2DOF_999
+from semgraph.nearest import nearest_to_each_other
 from semgraph.offline.batch import Batch, Belief
 from semgraph.offline.map_looks import MapLooks
 from semgraph.offline.map_matching import match_maps
@@ -134,20 +135,12 @@ def _moved(
     """What is gone and stands anew nearby: rows of the prior map and of `free` landmarks."""
     if not len(gone) or not len(free):
         return {}
-    from scipy.spatial import KDTree
-
     new = PriorMap.of_landmarks([landmarks[k] for k in free.tolist()])
-    moved = dict[int, int]()
-    for kind in np.intersect1d(prior.kinds[gone], new.kinds).tolist():
-        old, anew = gone[prior.kinds[gone] == kind], np.flatnonzero(new.kinds == kind)
-        trees = KDTree(prior.map_t_landmarks[old]), KDTree(new.map_t_landmarks[anew])
-        apart_m, nearest = trees[1].query(trees[0].data)
-        _, back = trees[0].query(trees[1].data)
-        is_moved = (back[nearest] == np.arange(len(old))) & (apart_m <= _MOVED_WITHIN_M)
-        moved |= dict(
-            zip(old[is_moved].tolist(), free[anew[nearest[is_moved]]].tolist(), strict=True)
-        )
-    return moved
+    old_places = prior.map_t_landmarks[gone]
+    old, anew = nearest_to_each_other(old_places, prior.kinds[gone], new.map_t_landmarks, new.kinds)
+    apart_m = np.linalg.norm(old_places[old] - new.map_t_landmarks[anew], axis=1)
+    is_moved = apart_m <= _MOVED_WITHIN_M
+    return dict(zip(gone[old[is_moved]].tolist(), free[anew[is_moved]].tolist(), strict=True))
 
 
 def _kept(prior: PriorMap, row: int, landmark: Landmark, fate: Fate = Fate.KEPT) -> Change:
