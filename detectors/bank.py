@@ -97,7 +97,7 @@ class DetectorBank:
                 parts.append(correct(outcome).seen_from(measurement.base_T_sensor))
             else:
                 self._faults[name, outcome.reason] += 1
-        return each_once(measurement.stamp_ns, parts)
+        return each_once(measurement.stamp_ns, parts, of_one_measurement=True)
 
     @property
     def faults(self) -> tuple[str, ...]:

@@ -37,9 +37,7 @@ def seen(
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(0, 12), st.integers(0, 12))
-def test_what_both_show_is_there_once_and_by_the_surer(
-    seed: int, both: int, first: int, second: int
-) -> None:
+def test_what_both_show_is_there_once(seed: int, both: int, first: int, second: int) -> None:
     rng = np.random.default_rng(seed)
     grid = 1.0 + np.argwhere(np.ones((8, 8))) * 2.0
     things = grid[rng.permutation(len(grid))[: both + first + second]]
@@ -50,8 +48,51 @@ def test_what_both_show_is_there_once_and_by_the_surer(
     assert len(once) == both + first + second
     apart_m = np.linalg.norm(once.base_t_landmarks()[:, None] - things[None], axis=2)
     assert sorted(apart_m.argmin(axis=1).tolist()) == list(range(len(things)))
-    is_surer = np.isin(once.ranges_m, other.ranges_m)
-    assert int(is_surer.sum()) == both + second
+    sigmas_m = np.sqrt(once.covariances[:, 0, 0])
+    of_both = np.isclose(sigmas_m, (0.02**-2 + 0.01**-2) ** -0.5)
+    of_one = np.isclose(sigmas_m, 0.02), np.isclose(sigmas_m, 0.01)
+    assert [int(each.sum()) for each in (of_both, *of_one)] == [both, first, second]
+
+
+@pytest.mark.parametrize("of_one_measurement", [False, True])
+def test_two_that_are_alike_are_right_in_the_mean_and_as_sure_as_they_say(
+    *, of_one_measurement: bool
+) -> None:
+    """The surer of two would be the nearer one: a bearing's error is less there."""
+    rng, sigma_m = np.random.default_rng(1), 0.05
+    things = 2.0 * np.argwhere(np.ones((40, 40))) + 5.0
+    first = seen(things, sigma_m, rng)
+    second = first if of_one_measurement else seen(things, sigma_m, rng)
+    once = each_once(0, [first, second], of_one_measurement=of_one_measurement)
+    assert len(once) == len(things)
+    apart_m = np.linalg.norm(once.base_t_landmarks()[:, None] - things[None], axis=2)
+    errors = once.ranges_m - np.linalg.norm(things, axis=1)[apart_m.argmin(axis=1)]
+    normalized = errors / np.sqrt(once.covariances[:, 0, 0])
+    assert abs(normalized.mean()) < 4.0 / len(things) ** 0.5
+    assert normalized.std() == pytest.approx(1.0, abs=0.08)
+
+
+def test_a_diameter_that_one_knows_is_known_and_of_two_it_is_the_mean() -> None:
+    def thick(diameter_m: float, sigma_m: float) -> Perceptions:
+        return Perceptions.from_arrays(
+            0,
+            Kind.TREE,
+            np.array([5.0]),
+            np.zeros(1),
+            1e-4 * np.eye(2)[None],
+            diameters_m=np.array([diameter_m]),
+            diameter_sigmas_m=np.array([sigma_m]),
+        )
+
+    unknown = thick(np.nan, np.nan)
+    for parts in ([thick(0.3, 0.02), unknown], [unknown, thick(0.3, 0.02)]):
+        once = each_once(0, parts)
+        assert once.diameters_m == pytest.approx(0.3)
+        assert once.diameter_sigmas_m == pytest.approx(0.02)
+    assert np.isnan(each_once(0, [unknown, unknown]).diameters_m).all()
+    both = each_once(0, [thick(0.3, 0.02), thick(0.33, 0.02)])
+    assert both.diameters_m == pytest.approx(0.315)
+    assert both.diameter_sigmas_m == pytest.approx(0.02)
 
 
 @pytest.mark.parametrize(("beside_m", "num_things"), [(0.05, 1), (0.3, 2)])
